@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.table import Table
 from typer.core import TyperGroup
 
+from touchline.cli.console import errors_console, output, plain_table, say, steps_shown, told_of_compiling
 from touchline.cli.workers import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from touchline.evaluation.points.bench import PointBench
     from touchline.evaluation.points.point_set import PointSet
     from touchline.evaluation.recordings_bench import RecordingScore
@@ -41,13 +42,12 @@ bench_app = typer.Typer(
 
 @bench_app.command("points")
 def points(
-    file: Annotated[Path, typer.Argument(metavar="FILE.npz", help="A point set.", show_default=False)],
+    file: Annotated[Path, typer.Argument(metavar="FILE.npz", help="A point set.")],
     system: Annotated[
         str | None, typer.Option(help="touchline (the default), or a system for omnidirectional cameras.")
     ] = None,
     program: Annotated[
-        str | None,
-        typer.Option(metavar="COMMAND", help="A localizer of your own instead: it answers lines."),
+        str | None, typer.Option(metavar="COMMAND", help="A localizer of your own instead: it answers lines.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
@@ -69,12 +69,9 @@ def points(
     if json:
         typer.echo(_as_json({"name": program or name, "file": str(file), **result.to_dict()}))
         return
-    from touchline.cli.console import output
-
-    console = output()
-    console.print(_point_table(result))
+    output().print(_point_table(result))
     bound = f"{100.0 * result.bound_position_m:.2f} cm, {_DEG * result.bound_heading_rad:.3f}°"
-    console.print(f"{program or name} on {file}; the Cramér-Rao bound is {bound}", style="dim", markup=False)
+    say(f"{program or name} on {file}; the Cramér-Rao bound is {bound}", style="dim")
 
 
 @bench_app.command("recordings", hidden=True)
@@ -89,7 +86,6 @@ def recordings(
 
     Times per image are those of a busy machine where many workers share one.
     """
-    from touchline.cli.console import errors_console, output, told_of_compiling
     from touchline.evaluation.recordings_bench import bench_recording
     from touchline.evaluation.workers import open_workers
     from touchline.systems import DEFAULT_SYSTEM, system_info
@@ -107,53 +103,41 @@ def recordings(
 
 
 def _bench_with_progress(points: PointSet, name: str, program: str | None) -> PointBench:
-    from rich.progress import Progress
-
-    from touchline.cli.console import errors_console, told_of_compiling
     from touchline.evaluation.points.bench import bench_points
     from touchline.evaluation.points.localizers import point_localizer
     from touchline.evaluation.points.outside_program import OutsideProgram
 
-    console = errors_console()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("localising", total=3 * len(points))
-        with (
-            told_of_compiling(progress.console.print),
-            nullcontext() if program is None else OutsideProgram(program, points.field) as outside,
-        ):
-            localizer = point_localizer(name, points.field) if outside is None else outside
-            return bench_points(points, localizer, lambda: progress.advance(task))
+    with (
+        steps_shown("localising", 3 * len(points), compiles=True) as advance,
+        nullcontext() if program is None else OutsideProgram(program, points.field) as outside,
+    ):
+        localizer = point_localizer(name, points.field) if outside is None else outside
+        return bench_points(points, localizer, advance)
 
 
 def _point_table(result: PointBench) -> Table:
-    table = _table("from", "position (cm)", "heading (°)", "× bound", "found (%)", "time (µs)")
+    rows = []
     for name, score in (("a start", result.init), ("the compass", result.compass), ("nothing", result.none)):
         position, heading = f"{100.0 * score.mean_position_m:.3f}", f"{_DEG * score.mean_heading_rad:.4f}"
         found, time = f"{100.0 * score.success:.2f}", f"{score.us_per_update:.1f}"
-        table.add_row(name, position, heading, f"{score.times_bound:.3f}", found, time)
-    return table
+        rows.append((name, position, heading, f"{score.times_bound:.3f}", found, time))
+    return _table(rows, "from", "position (cm)", "heading (°)", "× bound", "found (%)", "time (µs)")
 
 
 def _recording_table(scores: list[RecordingScore]) -> Table:
-    table = _table(
-        "recording", "images", "tracked (%)", "position (cm)", "largest (cm)", "heading (°)", "largest (°)", "time (ms)"
-    )
+    rows = []
     for score in scores:
         figures = (score.mean_position_m, score.max_position_m, score.mean_heading_rad, score.max_heading_rad)
         scaled = [f"{scale * value:.2f}" for scale, value in zip((100.0, 100.0, _DEG, _DEG), figures, strict=True)]
         counts = (str(score.images), f"{100.0 * score.tracked:.1f}")
-        table.add_row(score.name, *counts, *scaled, f"{score.ms_per_image:.2f}")
-    return table
+        rows.append((score.name, *counts, *scaled, f"{score.ms_per_image:.2f}"))
+    titles = "position (cm)", "largest (cm)", "heading (°)", "largest (°)", "time (ms)"
+    return _table(rows, "recording", "images", "tracked (%)", *titles)
 
 
-def _table(*titles: str) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for k, title in enumerate(titles):
-        narrow = title.replace(" (", "\n(")  # so that a recording's name has room
-        table.add_column(narrow, justify="right" if k else "left", overflow="fold")
-    return table
+def _table(rows: Sequence[Sequence[str]], *titles: str) -> Table:
+    narrow = (title.replace(" (", "\n(") for title in titles)  # so that a recording's name has room
+    return plain_table(*narrow, rows=rows, overflow="fold")
 
 
 def _as_json(tree: Any) -> str:

@@ -11,10 +11,10 @@ from touchline.cli.calibrate_lines import calibrate_lines
 from touchline.cli.calibrate_perspective import calibrate_camera, calibrate_imu
 from touchline.cli.calibrate_range import calibrate_range
 from touchline.cli.calibrate_self import calibrate_self
-from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
-from touchline.cli.options import FollowLinks
+from touchline.cli.console import warn
+from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, print_lines, write_pair
+from touchline.cli.options import FollowLinks, SkipUnusable
 from touchline.errors import InputError
-from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.mirror import MirrorCalibration
@@ -23,23 +23,15 @@ calibrate_app = typer.Typer(
     help="Calibrate the mirror, its ranges, a perspective camera, its IMU or the colours.", no_args_is_help=True
 )
 
-_OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
-_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
-
 
 @calibrate_app.command("mirror")
 def mirror(
     recording: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RECORDING", help="A recording of the calibration strip in known directions.", show_default=False
-        ),
+        Path, typer.Argument(metavar="RECORDING", help="A recording of the calibration strip in known directions.")
     ],
-    output: Annotated[Path, _OUTPUT],
-    picture: Annotated[Path | None, _PICTURE] = None,
-    skip_unusable: Annotated[
-        bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
-    ] = False,
+    output: NewFile,
+    picture: NewPicture = None,
+    skip_unusable: SkipUnusable = False,
     support: Annotated[
         int,
         typer.Option(min=0, max=100, metavar="N", help="Nearest edges in each polynomial; 0: all, as Lagrange has it."),
@@ -50,21 +42,19 @@ def mirror(
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from touchline.calibration.mirror import calibrate_mirror
     from touchline.calibration.strip_recording import camera_yaml
-    from touchline.cli.console import errors_console
     from touchline.sources import open_source
     from touchline.view.calibration import mirror_picture
-    from touchline.view.picture_files import save_picture
 
     source = open_source(recording, follow_links)
     calibration = calibrate_mirror(source, skip_unusable, support)
     for message in calibration.unusable:
-        errors_console().print(f"left out: {message}", style="yellow", markup=False)
+        warn(f"left out: {message}")
     sighting = calibration.sightings[0]
     image = source.image(sighting.index)
     assert image is not None  # it was read a moment ago
-    write_new_file(output, camera_yaml(calibration.camera, _mirror_words(calibration, source.name)).encode())
-    save_picture(picture, mirror_picture(calibration, image, sighting))
-    print_lines(_mirror_words(calibration, source.name), output, picture)
+    words = _mirror_words(calibration, source.name)
+    drawn = mirror_picture(calibration, image, sighting)
+    write_pair(output, camera_yaml(calibration.camera, words), picture, drawn, words)
 
 
 calibrate_app.command("lines")(calibrate_lines)
@@ -76,17 +66,13 @@ calibrate_app.command("imu")(calibrate_imu)
 
 @calibrate_app.command("colour")
 def colour(
-    source: Annotated[
-        Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.", show_default=False)
-    ],
-    output: Annotated[Path, _OUTPUT],
+    source: Annotated[Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.")],
+    output: NewFile,
     regions: Annotated[
-        Path | None, typer.Option(help="Marked regions (default: RECORDING/regions.yaml, if any).", show_default=False)
+        Path | None, typer.Option(help="Marked regions (default: RECORDING/regions.yaml, if any).")
     ] = None,
-    camera: Annotated[
-        Path | None, typer.Option(help="camera.yaml of an image without marks.", show_default=False)
-    ] = None,
-    picture: Annotated[Path | None, _PICTURE] = None,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image without marks.")] = None,
+    picture: NewPicture = None,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a colour table (.npz), learned from marked regions, or without any marks from the field itself."""

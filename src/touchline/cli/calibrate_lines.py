@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
-from touchline.cli.options import turn_in_rad
+from touchline.cli.console import warn
+from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
+from touchline.cli.options import check_handedness, turn_in_rad
 from touchline.errors import InputError, NoFitError
-from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.lines.calibration import LineCalibration
@@ -32,34 +32,26 @@ def calibrate_lines(
         typer.Argument(
             metavar="IMAGE...|PIXELS.csv...",
             help="Images of one robot on the field, or line points (u_px,v_px), a file for each place.",
-            show_default=False,
         ),
     ],
-    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.", show_default=False)],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
-    ],
-    handedness: Annotated[int | None, typer.Option(metavar="1|-1", help=_HANDEDNESS, show_default=False)] = None,
+    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
+    output: NewFile,
+    handedness: Annotated[int | None, typer.Option(metavar="1|-1", help=_HANDEDNESS)] = None,
     mount_yaw: Annotated[
         float, typer.Option(metavar="RAD", help="mount_yaw of the camera.yaml: lines can't tell where the front is.")
     ] = 0.0,
     size: Annotated[
-        str | None,
-        typer.Option(metavar="WxH", help="[PIXELS.csv] Size of the images, 640x480 for instance.", show_default=False),
+        str | None, typer.Option(metavar="WxH", help="[PIXELS.csv] Size of the images, 640x480 for instance.")
     ] = None,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture of it (default: the output's name with .png).")
-    ] = None,
+    picture: NewPicture = None,
 ) -> None:
     """Write a camera.yaml found from the field's lines in one or more images, with no camera.yaml to begin with."""
-    if handedness not in (None, 1, -1):
-        raise InputError(f"--handedness: 1 or -1 is expected, found {handedness}")
+    check_handedness(handedness)
     mount_yaw = turn_in_rad(mount_yaw, "--mount-yaw")
     _refuse_folders(inputs)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from touchline.calibration.strip_recording import camera_yaml
     from touchline.field import open_field
-    from touchline.view.picture_files import save_picture
 
     model = open_field(field)
     from_points = [path.suffix.lower() == ".csv" for path in inputs]
@@ -76,9 +68,7 @@ def calibrate_lines(
     except NoFitError as error:
         raise NoFitError(f"{inputs[0]}{' ...' if len(inputs) > 1 else ''}: not calibrated: {error}") from None
     words = _words(lines, camera, model, handedness)
-    write_new_file(output, camera_yaml(camera, words).encode())
-    save_picture(picture, drawn)
-    print_lines(words, output, picture)
+    write_pair(output, camera_yaml(camera, words), picture, drawn, words)
 
 
 def _refuse_folders(paths: list[Path]) -> None:
@@ -93,14 +83,11 @@ def _refuse_folders(paths: list[Path]) -> None:
 
 def different(paths: list[Path], contents: Sequence[FloatArray | ImageArray]) -> list[int]:
     """The numbers of those whose content did not come before. Counted twice, they would seem to tell more."""
-    from touchline.cli.console import errors_console
-
     first: dict[tuple[tuple[int, ...], bytes], int] = {}
     for k, content in enumerate(contents):
         same = first.setdefault((content.shape, sha256(content.tobytes()).digest()), k)
         if same != k:
-            told = f"left out: {paths[k]}: shows the same as {paths[same]}, which counts once"
-            errors_console().print(told, style="yellow", markup=False)
+            warn(f"left out: {paths[k]}: shows the same as {paths[same]}, which counts once")
     return list(first.values())
 
 
@@ -127,7 +114,6 @@ def _from_images(
 ) -> tuple[OmniCamera, LineCalibration, ImageArray]:
     from touchline.calibration.lines.calibration import check
     from touchline.calibration.lines.images import calibrate_images
-    from touchline.cli.console import errors_console
     from touchline.files.images import read_image
     from touchline.view.line_calibration import image_picture
 
@@ -140,7 +126,7 @@ def _from_images(
     found = calibrate_images(images, field, handedness, mount_yaw)
     check(found.lines, whole_view=True)
     for k in set(range(len(paths))) - set(found.used):
-        errors_console().print(f"left out: {paths[k]}: hardly any line points", style="yellow", markup=False)
+        warn(f"left out: {paths[k]}: hardly any line points")
     return found.camera, found.lines, image_picture(found, images[found.used[0]], field)
 
 

@@ -7,35 +7,28 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
+from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
 from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
-from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.imu import ImuCalibration
     from touchline.calibration.perspective import Lens, PerspectiveCalibration
     from touchline.sources import Recording
 
-_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
-_OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
-
 
 def calibrate_camera(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RECORDING|MARKS.csv",
-            help="A recording with marks.csv (and a chessboard), or a file of marks.",
-            show_default=False,
+            metavar="RECORDING|MARKS.csv", help="A recording with marks.csv (and a chessboard), or a file of marks."
         ),
     ],
-    output: Annotated[Path, _OUTPUT],
+    output: NewFile,
     camera: Annotated[
-        Path | None,
-        typer.Option(help="camera.yaml with the lens (default: a chessboard, or the marks).", show_default=False),
+        Path | None, typer.Option(help="camera.yaml with the lens (default: a chessboard, or the marks).")
     ] = None,
-    picture: Annotated[Path | None, _PICTURE] = None,
+    picture: NewPicture = None,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write the camera.yaml of a perspective camera: lens from a chessboard, place from four marks or more."""
@@ -46,7 +39,6 @@ def calibrate_camera(
     from touchline.calibration.marks import MARKS, first_image, read_marks
     from touchline.sources import open_source
     from touchline.view.perspective_calibration import marks_picture
-    from touchline.view.picture_files import save_picture
 
     recording = open_source(source, follow_links) if source.is_dir() else None
     if recording is not None and not (recording.folder / MARKS).exists():
@@ -54,11 +46,10 @@ def calibrate_camera(
     marks = read_marks(source if recording is None else recording.file(MARKS))
     found = perspective.calibrate_camera(marks, _lens(source, recording, camera))
     words = camera_words(found, len(found.residuals_px))
-    write_new_file(output, perspective.perspective_yaml(found.camera, words).encode())
     seen = first_image(marks.path.parent, marks.files, (found.camera.width, found.camera.height), follow_links)
     image = None if seen is None else seen[1]
-    save_picture(picture, marks_picture(found, image, marks.pixels, marks.places_m))
-    print_lines(words, output, picture)
+    drawn = marks_picture(found, image, marks.pixels, marks.places_m)
+    write_pair(output, perspective.perspective_yaml(found.camera, words), picture, drawn, words)
 
 
 def _lens(source: Path, recording: Recording | None, camera: Path | None) -> Lens:
@@ -85,19 +76,14 @@ def _lens(source: Path, recording: Recording | None, camera: Path | None) -> Len
 
 def calibrate_imu(
     recording: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RECORDING", help="A robot that walks in place before marks (marks.csv).", show_default=False
-        ),
+        Path, typer.Argument(metavar="RECORDING", help="A robot that walks in place before marks (marks.csv).")
     ],
-    output: Annotated[Path, _OUTPUT],
-    camera: Annotated[
-        Path | None, typer.Option(help="camera.yaml to add to (default: the recording's).", show_default=False)
-    ] = None,
+    output: NewFile,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml to add to (default: the recording's).")] = None,
     paper: Annotated[
         bool, typer.Option("--paper", help="Equation (2) of Schulz and Behnke alone, right about the marks' rows.")
     ] = False,
-    picture: Annotated[Path | None, _PICTURE] = None,
+    picture: NewPicture = None,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml that corrects pixels by roll and pitch, learned while the robot walks in place."""
@@ -110,7 +96,6 @@ def calibrate_imu(
     from touchline.camera import PinholeCamera, open_camera
     from touchline.sources import open_source
     from touchline.view.perspective_calibration import wander_picture
-    from touchline.view.picture_files import save_picture
 
     source = open_source(recording, follow_links)
     before = source.camera if camera is None else open_camera(camera)
@@ -120,11 +105,9 @@ def calibrate_imu(
     found = learn(source, before, paper)
     words = imu_words(found)
     text = perspective_yaml(replace(before, imu_correction=found.correction, use_attitude=True), words)
-    write_new_file(output, text.encode())
     files = read_marks(source.file(MARKS)).files
     seen = first_image(source.folder, files, (before.width, before.height), follow_links)
-    save_picture(picture, wander_picture(found, before, None if seen is None else seen[1]))
-    print_lines(words, output, picture)
+    write_pair(output, text, picture, wander_picture(found, before, None if seen is None else seen[1]), words)
 
 
 def camera_words(found: PerspectiveCalibration, marks: int) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
-from touchline.cli.options import FollowLinks
+from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, print_lines
+from touchline.cli.options import FollowLinks, SkipUnusable, check_handedness
 from touchline.errors import InputError
 from touchline.files.new import write_new_file
 
@@ -27,31 +27,20 @@ def calibrate_range(
         typer.Argument(
             metavar="RECORDING|MARKS.csv",
             help="A recording with marks.csv or of the calibration strip, or a file of marks.",
-            show_default=False,
         ),
     ],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
-    ],
+    output: NewFile,
     degree: Annotated[
         int | None,
         typer.Option(min=1, max=12, help="Degree of the polynomial (default: the highest up to 6 that rises)."),
     ] = None,
-    camera: Annotated[
-        Path | None, typer.Option(help="camera.yaml for MARKS.csv (default: the one beside it).", show_default=False)
-    ] = None,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture of it (default: the output's name with .png).")
-    ] = None,
-    skip_unusable: Annotated[
-        bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
-    ] = False,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml for MARKS.csv (default: the one beside it).")] = None,
+    picture: NewPicture = None,
+    skip_unusable: SkipUnusable = False,
     handedness: Annotated[
         int | None,
         typer.Option(
-            metavar="1|-1",
-            help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell.",
-            show_default=False,
+            metavar="1|-1", help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."
         ),
     ] = None,
     keep_center: Annotated[
@@ -60,8 +49,7 @@ def calibrate_range(
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
-    if handedness not in (None, 1, -1):
-        raise InputError(f"--handedness: 1 or -1 is expected, found {handedness}")
+    check_handedness(handedness)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
     from touchline.calibration.marks import first_image

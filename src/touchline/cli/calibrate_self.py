@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
+from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
 from touchline.cli.options import FollowLinks
 from touchline.errors import NoFitError
-from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.self_calibration import SelfCalibration
@@ -22,17 +21,10 @@ if TYPE_CHECKING:
 
 def calibrate_self(
     recording: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RECORDING", help="A recording of a robot that drives about on the field.", show_default=False
-        ),
+        Path, typer.Argument(metavar="RECORDING", help="A recording of a robot that drives about on the field.")
     ],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
-    ],
-    picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture of it (default: the output's name with .png).")
-    ] = None,
+    output: NewFile,
+    picture: NewPicture = None,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml corrected by the lines of a recording: a mirror's lean, centre and ranges, or a perspective
@@ -41,7 +33,6 @@ def calibrate_self(
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from touchline.camera import PerspectiveCamera
     from touchline.sources import open_source
-    from touchline.view.picture_files import save_picture
 
     source = open_source(recording, follow_links)
     calibrate = _perspective if isinstance(source.camera, PerspectiveCamera) else _mirror
@@ -49,9 +40,7 @@ def calibrate_self(
         text, words, drawn = calibrate(source)
     except NoFitError as error:
         raise NoFitError(f"{recording}: not calibrated: {error}") from None
-    write_new_file(output, text.encode())
-    save_picture(picture, drawn)
-    print_lines(words, output, picture)
+    write_pair(output, text, picture, drawn, words)
 
 
 def _mirror(source: Recording) -> tuple[str, str, ImageArray]:

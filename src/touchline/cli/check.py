@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
+from rich.text import Text
 
+from touchline.cli.console import output, plain_table, say, steps_shown
 from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
+from touchline.messages import counted
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from touchline.checks.findings import Finding
     from touchline.sources import Recording
 
@@ -20,7 +22,7 @@ _PIPE_WIDTH = 400
 
 
 def check(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.", show_default=False)],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.")],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     follow_links: FollowLinks = False,
     topics: Topics = None,
@@ -34,8 +36,6 @@ def check(
     Exit status 0: nothing worse than warnings. 1: errors, which will spoil the localization. 2: it can't be read.
     """
     from touchline.checks.findings import Severity
-    from touchline.cli.console import output
-    from touchline.messages import counted
     from touchline.sources import open_source
 
     source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late))
@@ -50,35 +50,26 @@ def check(
             console.width = _PIPE_WIDTH  # one line for each finding, for grep
         console.print(_table(findings), soft_wrap=False)
         words = ", ".join(f"{count} ok" if name == "ok" else counted(count, name) for name, count in worst_first)
-        console.print(f"{source.name}: {counted(len(source), 'image')}, {words}", markup=False)
+        say(f"{source.name}: {counted(len(source), 'image')}, {words}")
     if counts["error"]:
         raise typer.Exit(1)
 
 
 def _check_with_progress(source: Recording) -> list[Finding]:
-    from rich.progress import Progress
-
     from touchline.checks.check import check_recording
-    from touchline.cli.console import errors_console
 
-    console = errors_console()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("reading", total=len(source))
-        return check_recording(source, lambda: progress.advance(task))
+    with steps_shown("reading", len(source)) as advance:
+        return check_recording(source, advance)
 
 
 def _table(findings: list[Finding]) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("severity", no_wrap=True)
-    table.add_column("where", overflow="fold")
-    table.add_column("what", overflow="fold")
-    table.add_column("what to do", overflow="fold")
+    rows = []
     for finding in findings:
         severity = Text(finding.severity.value, style=_STYLES[finding.severity.value])
-        table.add_row(severity, Text(finding.where), Text(finding.what), Text(finding.advice))
+        rows.append((severity, Text(finding.where), Text(finding.what), Text(finding.advice)))
+    titles = "severity", "where", "what", "what to do"
+    table = plain_table(*titles, rows=rows, numbers_from=None, overflow="fold")
+    table.columns[0].no_wrap = True
     return table
 
 

@@ -6,31 +6,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 
+from touchline.cli.console import output as console
+from touchline.cli.console import plain_table
 from touchline.files.new import check_new_file, write_new_file
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from touchline.evaluation.compare import Comparison
 
 
 def compare(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of two to six runs.", show_default=False)
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of two to six runs.")],
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="PAGE.html", help="A new page with paths and curves.", show_default=False
-        ),
+        Path | None, typer.Option("--output", "-o", metavar="PAGE.html", help="A new page with paths and curves.")
     ] = None,
 ) -> None:
     """Put runs of one recording side by side: errors, what differs in their settings, where they part.
 
     touchline compare runs/match-1 runs/match-2 -o compared.html
     """
-    from touchline.cli.console import output as console
     from touchline.evaluation.compare import compare as compared_runs
 
     if output is not None:
@@ -50,29 +45,15 @@ def compare(
         out.print(f"page: {output}")
 
 
-def _table(*titles: str) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for index, title in enumerate(titles):
-        table.add_column(title, justify="right" if index else "left", overflow="fold")
-    return table
-
-
 def _figures(compared: Comparison) -> Table:
     from touchline.evaluation.compare import COLUMNS, UNITS
 
-    table = _table("run", *(f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True)))
-    for name, values in compared.figures():
-        table.add_row(name, *values)
-    return table
+    titles = (f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True))
+    return plain_table("run", *titles, rows=((name, *values) for name, values in compared.figures()), overflow="fold")
 
 
 def _differences(compared: Comparison) -> Table | str:
-    rows = compared.differing_settings()
+    rows = [(key, *values) for key, values in compared.differing_settings()]
     if not rows:
         return "settings, seeds and versions are the same"
-    table = _table("what differs", *(one.name for one in compared.runs))
-    for key, values in rows:
-        table.add_row(key, *values)
-    return table
+    return plain_table("what differs", *(one.name for one in compared.runs), rows=rows, overflow="fold")

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.console import say
+
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
     from touchline.field import FieldModel
@@ -23,25 +25,23 @@ def compile_loops(
     ] = False,
 ) -> None:
     """Compile the inner loops of every system once, so that no later start waits for it; for installers and images."""
-    from touchline.cli.console import output
     from touchline.systems import SYSTEMS
 
-    console = output()
     for name, info in SYSTEMS.items():
         started = time.perf_counter()
         if "omni" in info.cameras:
             _run_example(name)
         if "pinhole" in info.cameras:
             _walk_example(name)
-        console.print(f"{name}: ready after {time.perf_counter() - started:.1f} s")
+        say(f"{name}: ready after {time.perf_counter() - started:.1f} s")
     started = time.perf_counter()
     _locate_example()
-    console.print(f"locate: ready after {time.perf_counter() - started:.1f} s")
+    say(f"locate: ready after {time.perf_counter() - started:.1f} s")
     if simulator:
         started = time.perf_counter()
         _render_example()
-        console.print(f"simulator: ready after {time.perf_counter() - started:.1f} s")
-    console.print("all loops are compiled; their code is kept beside the package, or in NUMBA_CACHE_DIR if that is set")
+        say(f"simulator: ready after {time.perf_counter() - started:.1f} s")
+    say("all loops are compiled; their code is kept beside the package, or in NUMBA_CACHE_DIR if that is set")
 
 
 def _run_example(system: str) -> None:

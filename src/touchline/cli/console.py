@@ -1,9 +1,9 @@
-"""What the commands print: error tables in cm and degrees on stdout, complaints on stderr."""
+"""What the commands print: results and tables on stdout, progress, warnings and complaints on stderr."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -34,6 +34,12 @@ def output() -> Console:
     return console
 
 
+def say(*lines: str, style: str | None = None) -> None:
+    """Lines of a result."""
+    for line in lines:
+        output().print(line, style=style)
+
+
 def errors_console() -> Console:
     """The console for progress and complaints."""
     return Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
@@ -44,23 +50,42 @@ def complain(message: str) -> None:
     errors_console().print(Text.assemble(("error: ", "bold red"), message))
 
 
-def error_table(errors: ErrorTable) -> Table:
-    """The error statistics, cm and degrees."""
-    from touchline.evaluation.metrics import COLUMNS
+def warn(message: str) -> None:
+    """Something that the user should know, on stderr."""
+    errors_console().print(message, style="yellow")
 
+
+def plain_table(
+    *titles: str, rows: Iterable[Iterable[str | Text]] = (), numbers_from: int | None = 1, **column: Any
+) -> Table:
+    """A table without lines. numbers_from: the first column of numbers; None: all are words. column: as Rich has it."""
     table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("error")
-    for title in COLUMNS:
-        table.add_column(title, justify="right")
-    for name, values in errors.rows():
-        table.add_row(name, *values)
+    for index, title in enumerate(titles):
+        is_number = numbers_from is not None and index >= numbers_from
+        table.add_column(title, justify="right" if is_number else "left", **column)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
-def print_errors(console: Console, errors: ErrorTable) -> None:
-    """The error table and what was left out of it."""
-    console.print(error_table(errors))
-    console.print(errors.left_out(), style="dim")
+@contextmanager
+def steps_shown(title: str, total: int, compiles: bool = False) -> Iterator[Callable[..., None]]:
+    """A bar on a terminal while something goes on; what is to be called after every step. compiles: as it may."""
+    from rich.progress import Progress
+
+    console = errors_console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(title, total=total)
+        with told_of_compiling(console.print) if compiles else nullcontext():
+            yield lambda *_: progress.advance(task)
+
+
+def print_errors(errors: ErrorTable) -> None:
+    """The error statistics, cm and degrees, and what was left out of them."""
+    from touchline.evaluation.metrics import COLUMNS
+
+    output().print(plain_table("error", *COLUMNS, rows=((name, *values) for name, values in errors.rows())))
+    say(errors.left_out(), style="dim")
 
 
 @contextmanager

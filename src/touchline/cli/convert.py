@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import errors_console
-from touchline.cli.console import output as output_console
+from touchline.cli.console import errors_console, say, warn
 from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
+from touchline.messages import counted
 
 if TYPE_CHECKING:
     from touchline.sources import Recording
@@ -34,21 +34,18 @@ class Kind(StrEnum):
 
 def convert(
     source: Annotated[
-        Path,
-        typer.Argument(metavar="SOURCE", help="A recording of any kind, a video, a folder of numbered images."),
+        Path, typer.Argument(metavar="SOURCE", help="A recording of any kind, a video, a folder of numbered images.")
     ],
     target: Annotated[Path, typer.Argument(metavar="TARGET", help="A new folder or file.")],
     to: Annotated[
-        Kind | None,
-        typer.Option(help="What to write (default: mcap for a TARGET that ends in .mcap, else folder)."),
+        Kind | None, typer.Option(help="What to write (default: mcap for a TARGET that ends in .mcap, else folder).")
     ] = None,
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Of numbered images, or instead of a video's own times.")
     ] = None,
     odometry: Annotated[Path | None, typer.Option(metavar="CSV", help="Odometry beside a video or images.")] = None,
     columns: Annotated[
-        str,
-        typer.Option(help="Of the CSV: the name or number (from 1) of each; also t_ns, t_ms, x_mm, theta_deg."),
+        str, typer.Option(help="Of the CSV: the name or number (from 1) of each; also t_ns, t_ms, x_mm, theta_deg.")
     ] = "t=t,x=x,y=y,theta=theta",
     first_image_at: Annotated[
         str, typer.Option(metavar="SECONDS", help="When the first image was taken, on the CSV's clock.")
@@ -73,22 +70,17 @@ def convert(
     if is_loose(source):
         recording = open_loose(source, LooseOptions(rate, odometry, columns, first_image_at), described)
     else:
-        _refuse_loose(source, rate, odometry)
+        if rate is not None or odometry is not None:
+            what = "has its own times and odometry; --rate and --odometry are for videos and images"
+            raise InputError(f"{source}: {what}")
         recording = open_source(source, follow_links, described)
     for problem in recording.problems:
-        errors_console().print(f"warning: {problem}", style="yellow", markup=False)
+        warn(f"warning: {problem}")
     _write(recording, target, kind)
-    output_console().print(f"{target}: {_held(recording)}", markup=False)
-
-
-def _refuse_loose(source: Path, rate: float | None, odometry: Path | None) -> None:
-    if rate is not None or odometry is not None:
-        raise InputError(f"{source}: has its own times and odometry; --rate and --odometry are for videos and images")
+    say(f"{target}: {_held(recording)}")
 
 
 def _held(recording: Recording) -> str:
-    from touchline.messages import counted
-
     what = [counted(len(recording), "image" if recording.has_images else "observation"), *recording.sensor_files]
     return ", ".join([*what, "truth"] if recording.truth is not None else what)
 
@@ -145,7 +137,7 @@ def _write_results(run: Path, target: Path, kind: Kind, follow_links: bool) -> N
         from touchline.evaluation.ros_results import write_results
 
         write_results(finished, writer, codec)
-    output_console().print(f"{target}: {len(finished.estimates)} poses", markup=False)
+    say(f"{target}: {len(finished.estimates)} poses")
 
 
 def _write_kind(recording: Recording, target: Path, kind: Kind, on_image: Callable[[], None]) -> None:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.table import Table
 from typer.core import TyperGroup
 
+from touchline.cli.console import output as output_console
+from touchline.cli.console import plain_table, say, warn
 from touchline.cli.fields_measure import measure
 from touchline.errors import InputError
 from touchline.files.new import check_new_file, file_name
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from touchline.field import FieldModel, Goal
 
 
@@ -34,20 +35,11 @@ fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new 
 
 
 _Picture = Annotated[
-    Path | None,
-    typer.Option(
-        "--output", "-o", metavar="PICTURE.png", help="Draw the field NAME into a new picture.", show_default=False
-    ),
+    Path | None, typer.Option("--output", "-o", metavar="PICTURE.png", help="Draw the field NAME into a new picture.")
 ]
 _Scale = Annotated[
     float | None,
-    typer.Option(
-        "--scale",
-        min=1.0,
-        max=500.0,
-        help=f"Pixels per metre of the picture (default: {_SCALE:g}).",
-        show_default=False,
-    ),
+    typer.Option("--scale", min=1.0, max=500.0, help=f"Pixels per metre of the picture (default: {_SCALE:g})."),
 ]
 _Letters = Annotated[
     bool, typer.Option("--letters/--no-letters", help="Draw the rulebook's letters into the picture, where known.")
@@ -81,13 +73,11 @@ def show(
     from touchline.field import open_field
 
     field = open_field(name)
-    out = _console()
-    out.print(f"{field.name}: {field.description}" if field.description else field.name, markup=False)
-    out.print(_sizes(field))
-    out.print(_counts(field))
+    say(f"{field.name}: {field.description}" if field.description else field.name)
+    _print_tables(field)
     if output is not None:
         _draw(field, output, scale if scale is not None else _SCALE, letters)
-        out.print(f"drawn into {output}", markup=False)
+        say(f"drawn into {output}")
 
 
 @fields_app.command("new")
@@ -99,7 +89,6 @@ def new(
             metavar="LETTER=METRES...",
             help="Sizes by the Middle Size League's letters, as A=18 B=12. The rest is as in the base field; "
             "0 leaves a part out. touchline fields msl-22x14 explains each letter.",
-            show_default=False,
         ),
     ] = None,
     base: Annotated[str, typer.Option(help="The field that the other sizes are taken from.")] = "msl-22x14",
@@ -109,14 +98,11 @@ def new(
     goal_width: Annotated[
         float | None,
         typer.Option(
-            metavar="METRES",
-            help="Between the insides of a goal's posts, which no letter names (default: the base's).",
-            show_default=False,
+            metavar="METRES", help="Between the insides of a goal's posts, which no letter names (default: the base's)."
         ),
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="The new file (default: NAME.yaml).", show_default=False),
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The new file (default: NAME.yaml).")
     ] = None,
 ) -> None:
     """Write a field.yaml of your own field from a few rulebook letters."""
@@ -131,27 +117,21 @@ def new(
     path = output if output is not None else Path(f"{name}.yaml")
     check_new_file(path, (".yaml", ".yml"), "a field")
     field.to_yaml(path)
-    out = _console()
-    out.print(_sizes(field))
-    out.print(_counts(field))
+    _print_tables(field)
     kept = {key: metres for key, metres in open_field(base).letters.items() if key not in sizes and metres > 0.0}
-    said = ", ".join(f"{key}={metres:g}" for key, metres in kept.items())
-    out.print(f"as in {base}: {said or 'nothing'}; give the others as LETTER=METRES", markup=False)
+    words = ", ".join(f"{key}={metres:g}" for key, metres in kept.items())
+    say(f"as in {base}: {words or 'nothing'}; give the others as LETTER=METRES")
     if name in preset_names():
-        from touchline.cli.console import errors_console
-
-        said = f"warning: {name} is the name of a preset, too; where a field is asked for, {name} means the preset"
-        errors_console().print(said, markup=False)
-    out.print(f"written to {path}; touchline fields {path} shows it", markup=False)
+        warn(f"warning: {name} is the name of a preset, too; where a field is asked for, {name} means the preset")
+    say(f"written to {path}; touchline fields {path} shows it")
 
 
 fields_app.command("measure")(measure)
 
 
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(highlight=False, soft_wrap=True)
+def _print_tables(field: FieldModel) -> None:
+    output_console().print(_sizes(field))
+    output_console().print(_counts(field))
 
 
 def _parse_letters(items: list[str]) -> dict[str, float]:
@@ -174,57 +154,50 @@ def _parse_letters(items: list[str]) -> dict[str, float]:
 def _list_presets() -> None:
     from touchline.field import open_field, preset_names
 
-    out = _console()
+    out = output_console()
     narrow = out.width < _WIDTH_OF_DESCRIPTIONS
     titles = ("name",) if narrow else ("name", "description")
-    table = _table(*titles, "length", "width", "line", "L", "T", "X", numbers_from=len(titles))
-    table.columns[0].no_wrap = True
+    rows = []
     for name in preset_names():
         field = open_field(name)
         sizes = [f"{size:g} m" for size in (field.length, field.width, field.line_width)]
         words = (name,) if narrow else (name, field.description)
-        table.add_row(*words, *sizes, *map(str, _crossing_counts(field)))
+        rows.append((*words, *sizes, *map(str, _crossing_counts(field))))
+    table = _table(*titles, "length", "width", "line", "L", "T", "X", rows=rows, numbers_from=len(titles))
+    table.columns[0].no_wrap = True
     if narrow:  # names are for typing: rather let the terminal break a line than cut one
         out.width = max(out.width, out.measure(table, options=out.options.update(width=200)).maximum)
     out.print(table)
-    out.print("sizes include the lines; L, T, X: crossings. touchline fields NAME shows one", style="dim")
+    say("sizes include the lines; L, T, X: crossings. touchline fields NAME shows one", style="dim")
 
 
 def _sizes(field: FieldModel) -> Table:
     """Rulebook letters where they are known, otherwise the four sizes that each field has."""
     from touchline.field import LETTERS
 
-    table = _table("", "size, including the lines", "metres", numbers_from=2)
+    sizes = {"length": field.length, "width": field.width, "line width": field.line_width, "border": field.border}
+    rows = [("", meaning, metres) for meaning, metres in sizes.items()]
     if field.letters:
-        for letter, meaning in LETTERS.items():
-            metres = field.letters.get(letter, 0.0)
-            table.add_row(letter, meaning, f"{metres:g}" if metres > 0.0 else "none")
-        return table
-    rows = (
-        ("length", field.length),
-        ("width", field.width),
-        ("line width", field.line_width),
-        ("border", field.border),
-    )
-    for meaning, metres in rows:
-        table.add_row("", meaning, f"{metres:g}")
-    return table
+        rows = [(letter, meaning, field.letters.get(letter, 0.0)) for letter, meaning in LETTERS.items()]
+    shown = [(*row, f"{metres:g}" if metres > 0.0 or not field.letters else "none") for *row, metres in rows]
+    return _table("", "size, including the lines", "metres", rows=shown, numbers_from=2)
 
 
 def _counts(field: FieldModel) -> Table:
     goal_posts = [post for post in field.posts if post.kind == "goal"]
     poles = [post for post in field.posts if post.kind == "pole"]
     corners, tees, crosses = _crossing_counts(field)
-    table = _table("what", "count")
-    table.add_row("segments, circles, arcs", f"{len(field.segments)}, {len(field.circles)}, {len(field.arcs)}")
-    table.add_row("marks", str(len(field.discs)))
-    table.add_row("crossings L, T, X", f"{corners}, {tees}, {crosses}")
-    table.add_row("goal posts", _with_colors(goal_posts))
-    for height, depth, width in sorted({(g.height, g.depth, _inside_m(g)) for g in field.goals}):
-        table.add_row("goals", f"{width:g} m wide inside, {height:g} m high, {depth:g} m deep")
-    table.add_row("poles", _with_colors(poles))
-    table.add_row("same after half a turn", "yes" if field.is_symmetric else "no")
-    return table
+    goals = sorted({(goal.height, goal.depth, _inside_m(goal)) for goal in field.goals})
+    rows = (
+        ("segments, circles, arcs", f"{len(field.segments)}, {len(field.circles)}, {len(field.arcs)}"),
+        ("marks", str(len(field.discs))),
+        ("crossings L, T, X", f"{corners}, {tees}, {crosses}"),
+        ("goal posts", _with_colors(goal_posts)),
+        *(("goals", f"{width:g} m wide inside, {high:g} m high, {deep:g} m deep") for high, deep, width in goals),
+        ("poles", _with_colors(poles)),
+        ("same after half a turn", "yes" if field.is_symmetric else "no"),
+    )
+    return _table("what", "count", rows=rows)
 
 
 def _inside_m(goal: Goal) -> float:
@@ -241,13 +214,10 @@ def _crossing_counts(field: FieldModel) -> tuple[int, int, int]:
     return kinds.count("L"), kinds.count("T"), kinds.count("X")
 
 
-def _table(*titles: str, numbers_from: int | None = None) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for index, title in enumerate(titles):
-        right = numbers_from is not None and index >= numbers_from
-        table.add_column(title, justify="right" if right else "left", no_wrap=right)
+def _table(*titles: str, rows: Iterable[Sequence[str]], numbers_from: int | None = None) -> Table:
+    table = plain_table(*titles, rows=rows, numbers_from=numbers_from)
+    for column in table.columns[numbers_from if numbers_from is not None else len(titles) :]:
+        column.no_wrap = True
     return table
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 
+from touchline.cli.console import output as output_console
+from touchline.cli.console import plain_table, say
 from touchline.errors import InputError, NoFitError
 from touchline.files.new import check_new_file
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from touchline.calibration.field_sizes.measure import FieldMeasurement
     from touchline.field import FieldModel
     from touchline.types import LinePoints
@@ -22,19 +22,12 @@ if TYPE_CHECKING:
 def measure(
     inputs: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="RECORDING|IMAGE...",
-            help="A recording, or images of one robot at several places.",
-            show_default=False,
-        ),
+        typer.Argument(metavar="RECORDING|IMAGE...", help="A recording, or images of one robot at several places."),
     ],
     field: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE", help="The field as it should be (default: the recording's).", show_default=False
-        ),
+        str | None, typer.Option(metavar="NAME|FILE", help="The field as it should be (default: the recording's).")
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="camera.yaml of images.", show_default=False)] = None,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml of images.")] = None,
     range_error: Annotated[
         float | None,
         typer.Option(
@@ -43,12 +36,10 @@ def measure(
             max=0.1,
             help="By what share all ranges of the camera may be wrong in common: 0.003 after calibrate mirror "
             "(default: as camera.yaml states it, else 0.01).",
-            show_default=False,
         ),
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="The new field.yaml to write.", show_default=False),
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The new field.yaml to write.")
     ] = None,
 ) -> None:
     """Say which of a field's sizes the lines want otherwise, by how much and how surely; write the field as it is."""
@@ -66,7 +57,7 @@ def measure(
     _print(measured, model, max(scale, 1e-4))
     if output is not None:
         measured.field.to_yaml(output)
-        _say(f"written to {output}; touchline fields {output} shows it")
+        say(f"written to {output}; touchline fields {output} shows it")
 
 
 def _seen(
@@ -104,18 +95,18 @@ def _print(measured: FieldMeasurement, field: FieldModel, scale: float) -> None:
     from touchline.calibration.field_sizes.measure import MIN_PLACES, Verdict
 
     fit = measured.fit
-    _say(
+    say(
         f"{field.name}: {measured.places} of {measured.seen} observations tell their place; "
         f"{100 * float(np.median(fit.residuals_m)):.1f} cm from the lines (median)"
     )
-    _console().print(_table(measured))
+    output_console().print(_table(measured))
     wrong = [one for one in measured.sizes if one.verdict is Verdict.OTHERWISE]
     unsure = [one for one in measured.sizes if one.verdict is Verdict.UNSURE]
     if not wrong:
-        _say("No size is surely otherwise." + (" More places would tell of those in doubt." if unsure else ""))
+        say("No size is surely otherwise." + (" More places would tell of those in doubt." if unsure else ""))
     if measured.places < MIN_PLACES:
-        _say(f"From fewer than {MIN_PLACES} places no size is surely otherwise: the mirror may be what differs.")
-    _say(
+        say(f"From fewer than {MIN_PLACES} places no size is surely otherwise: the mirror may be what differs.")
+    say(
         "Lines can't tell a larger field from a camera with longer ranges: these are taken to be right to "
         f"± {100 * scale:.1f} % (--range-error), and look {100 * abs(fit.scale):.1f} ± "
         f"{100 * fit.scale_deviation:.1f} % too {'short' if fit.scale > 0 else 'long'}."
@@ -123,16 +114,10 @@ def _print(measured: FieldMeasurement, field: FieldModel, scale: float) -> None:
 
 
 def _table(measured: FieldMeasurement) -> Table:
-    from rich.table import Table
-
     from touchline.calibration.field_sizes.measure import Verdict
 
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for title in ("", "size"):
-        table.add_column(title)
-    for title in ("as given (m)", "measured (m)", "differs (cm)"):
-        table.add_column(title, justify="right")
-    table.add_column("")
+    table = plain_table("", "size", "as given (m)", "measured (m)", "differs (cm)", "", numbers_from=2)
+    table.columns[-1].justify = "left"
     for one in measured.sizes:
         size = one.size
         if one.verdict is Verdict.NOT_OBSERVED:
@@ -143,13 +128,3 @@ def _table(measured: FieldMeasurement) -> Table:
         value = f"{size.value_m + one.change_m:.3f}"
         table.add_row(size.letter, size.meaning, f"{size.value_m:.3f}", value, differs, one.verdict.value, style=style)
     return table
-
-
-def _say(words: str) -> None:
-    _console().print(words, markup=False)
-
-
-def _console() -> Console:
-    from touchline.cli.console import output
-
-    return output()

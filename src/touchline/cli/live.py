@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
@@ -9,12 +11,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import BagBase, BagLate, FollowLinks, bag_options, turn_in_rad
+from touchline.cli.console import errors_console, say, told_of_compiling
+from touchline.cli.interrupts import interruptible
+from touchline.cli.options import (
+    BagBase,
+    BagLate,
+    ConfigFile,
+    FollowLinks,
+    Overrides,
+    OwnHalf,
+    StartPose,
+    SystemName,
+    bag_options,
+    turn_in_rad,
+)
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
+from touchline.messages import counted
 
 if TYPE_CHECKING:
-    from touchline.camera import Camera
     from touchline.live.heard import Link, Robot, Told
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
@@ -27,7 +42,11 @@ _Address = Annotated[
         "--udp", metavar="[HOST:]PORT", help=f"Where Touchline hears the robot (default: {_PORT} of loopback)."
     ),
 ]
-LiveTopics = Annotated[
+_ByDds = Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")]
+_BeyondMachine = Annotated[
+    bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
+]
+_Topics = Annotated[
     list[str] | None,
     typer.Option(
         "--topic", metavar="ROLE=/NAME", help="Of --dds, --rclpy: image, odometry, detections, …; repeatable."
@@ -37,61 +56,41 @@ _EVERY_S = 1.0  # so often a line on the terminal
 
 
 def live(
-    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.", show_default=False)],
-    camera: Annotated[
-        Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.", show_default=False)
-    ] = None,
-    system: Annotated[
-        str | None,
-        typer.Option(help="The system to run (default: touchline); see touchline systems.", show_default=False),
-    ] = None,
-    dds: Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")] = False,
+    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.")] = None,
+    system: SystemName = None,
+    dds: _ByDds = False,
     rclpy: Annotated[
         bool, typer.Option("--rclpy", help="By ROS 2's topics as a node of ROS, in an environment that has it.")
     ] = False,
-    topics: LiveTopics = None,
+    topics: _Topics = None,
     base: BagBase = None,
     late: BagLate = 0.0,
     namespace: Annotated[
         str, typer.Option(metavar="/NAME", help="Of this robot by --dds, --rclpy: its topics come first.")
     ] = "",
-    network: Annotated[
-        bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
-    ] = False,
+    network: _BeyondMachine = False,
     udp: _Address = None,
     to: Annotated[
         str | None,
         typer.Option("--to", metavar="[HOST:]PORT", help=f"Where the poses go (default: {_PORT + 1} of loopback)."),
     ] = None,
     device: Annotated[
-        str | None,
-        typer.Option(metavar="/dev/videoN", help="Images of this camera, sensors by the link.", show_default=False),
+        str | None, typer.Option(metavar="/dev/videoN", help="Images of this camera, sensors by the link.")
     ] = None,
-    start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,HEADING", help="Where the robot stands (m, m, rad), field frame.", show_default=False
-        ),
-    ] = None,
-    own_half: Annotated[bool, typer.Option("--own-half", help="The robot stands in its own half (x < 0).")] = False,
+    start: StartPose = None,
+    own_half: OwnHalf = False,
     wheels: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Rolling directions of two measuring wheels (rad).", show_default=False),
+        str | None, typer.Option(metavar="A,B", help="Rolling directions of two measuring wheels (rad).")
     ] = None,
-    config: Annotated[Path | None, typer.Option(help="YAML file of settings.", show_default=False)] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
-    ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long.", show_default=False)] = None,
+    config: ConfigFile = None,
+    settings: Overrides = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long.")] = None,
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
     """Localise a running robot: images and sensors in by ROS 2's topics or UDP, poses out. Ctrl-C ends it."""
-    import time
-
     from touchline.api import checked_prior
-    from touchline.cli.console import errors_console, told_of_compiling
-    from touchline.cli.interrupts import interruptible
     from touchline.cli.run import parse_pose
     from touchline.config import load_settings
     from touchline.live.loop import LiveLoop
@@ -121,18 +120,29 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
+    named = bag_options(topics, None, None, None).topics
     link: Link
     if rclpy:
-        link = _rclpy_link(topics, base, namespace, localizer.camera, late)
+        from touchline.live.rclpy_link import RclpyLink, require_rclpy
+
+        require_rclpy()
+        link = RclpyLink(named, base, namespace, localizer.camera, late)
+    elif dds:
+        _require_dds()
+        from touchline.live.dds import DdsLink
+
+        link = DdsLink(named, base, namespace, network, localizer.camera, late)
     else:
-        link = _dds_link(topics, base, namespace, network, localizer.camera, late) if dds else _udp_link(udp, to)
+        from touchline.live.udp import UdpLink
+
+        link = UdpLink(address(udp, "--udp"), address(to, "--to"))
     if device is not None:
         link = _with_camera(link, device)
     console = errors_console()
     where = (
         f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if ros else f"hears udp {udp}, tells udp {to}"
     )
-    console.print(f"{name}: {where}; Ctrl-C ends it", markup=False)
+    console.print(f"{name}: {where}; Ctrl-C ends it")
     ends_s = None if seconds is None else time.monotonic() + seconds
     with (
         shown_in(view, rrd, stays=False) as screen,
@@ -153,34 +163,12 @@ def _with_camera(link: Link, device: str) -> Link:
     return WithCamera(link, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
 
 
-def _udp_link(udp: str, to: str) -> Link:
-    from touchline.live.udp import UdpLink
-
-    return UdpLink(address(udp, "--udp"), address(to, "--to"))
-
-
 def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mapping[str, object]) -> None:
     """Raises InputError for an option that would be left aside."""
     wrong = [option for option, value in (of_udp if dds else of_dds).items() if value]
     if wrong:
         where = "without --dds" if dds else "with --dds or --rclpy"
         raise InputError(f"{wrong[0]}: counts only {where}")
-
-
-def _dds_link(
-    topics: list[str] | None, base: str | None, namespace: str, network: bool, camera: Camera | None, late: float
-) -> Link:
-    _require_dds()
-    from touchline.live.dds import DdsLink
-
-    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, camera, late)
-
-
-def _rclpy_link(topics: list[str] | None, base: str | None, namespace: str, camera: Camera | None, late: float) -> Link:
-    from touchline.live.rclpy_link import RclpyLink, require_rclpy
-
-    require_rclpy()
-    return RclpyLink(bag_options(topics, None, None, None).topics, base, namespace, camera, late)
 
 
 def _as_namespace(text: str) -> str:
@@ -201,11 +189,9 @@ def _require_dds() -> None:
 
 
 def play(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.", show_default=False)],
-    dds: Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")] = False,
-    network: Annotated[
-        bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
-    ] = False,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.")],
+    dds: _ByDds = False,
+    network: _BeyondMachine = False,
     udp: _Address = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
     delay: Annotated[
@@ -215,18 +201,24 @@ def play(
     follow_links: FollowLinks = False,
 ) -> None:
     """Send a recording to `touchline live` as a robot would, in real time."""
-    from touchline.cli.console import errors_console, output
-    from touchline.cli.interrupts import interruptible
     from touchline.live.playing import play as play_recording
-    from touchline.messages import counted
     from touchline.sources import open_source
 
     _refuse_of_other_link(dds, {"--udp": udp}, {"--network": network})
     udp = udp or str(_PORT)
     source = open_source(recording, follow_links)
-    robot = _dds_robot(network) if dds else _udp_robot(udp)
+    robot: Robot
+    if dds:
+        _require_dds()
+        from touchline.live.dds import DdsRobot
+
+        robot = DdsRobot(network)
+    else:
+        from touchline.live.udp import UdpRobot
+
+        robot = UdpRobot(address(udp, "--udp"))
     where = "topics of ROS 2" if dds else f"udp {udp}"
-    errors_console().print(f"{source.name}: {counted(len(source), 'image')} to {where}; Ctrl-C ends it", markup=False)
+    errors_console().print(f"{source.name}: {counted(len(source), 'image')} to {where}; Ctrl-C ends it")
     sent = 0
     with interruptible() as stop:
         while True:
@@ -234,20 +226,7 @@ def play(
             if not loop or stop():
                 break
     robot.close()
-    output().print(f"{counted(sent, 'image')} sent")
-
-
-def _udp_robot(udp: str) -> Robot:
-    from touchline.live.udp import UdpRobot
-
-    return UdpRobot(address(udp, "--udp"))
-
-
-def _dds_robot(network: bool) -> Robot:
-    _require_dds()
-    from touchline.live.dds import DdsRobot
-
-    return DdsRobot(network)
+    say(f"{counted(sent, 'image')} sent")
 
 
 def address(text: str, option: str) -> tuple[str, int]:
@@ -288,35 +267,24 @@ class _Shown:
 
     def take(self, told: Told) -> None:
         """One estimate of an image."""
-        import math
-        import time
-
-        from touchline.cli.console import output
-
         estimate, now_s = told.estimate, time.monotonic()
         if self._view is not None and self._localizer.frame is not None:
             self._view.take(self._localizer.frame, estimate)
-        for problem in estimate.problems:
-            output().print(problem, markup=False)
+        say(*estimate.problems)
         if now_s - self._last_s < _EVERY_S:
             return
         self._last_s = now_s
         x, y, heading = estimate.pose
-        output().print(
+        say(
             f"{estimate.status}: x {x:.2f} m, y {y:.2f} m, {math.degrees(heading):.0f}°, "
-            f"{1e3 * told.after_s:.1f} ms after the image came, {told.dropped} dropped",
-            markup=False,
+            f"{1e3 * told.after_s:.1f} ms after the image came, {told.dropped} dropped"
         )
 
 
 def _tell_end(loop: LiveLoop, problems: dict[str, int]) -> None:
-    from touchline.cli.console import output
-
     counts = loop.counts
-    console = output()
-    console.print(
+    say(
         f"{counts['told']} of {counts['images']} images localised, {counts['dropped']} dropped; "
-        f"{counts['readings']} samples of sensors"
+        f"{counts['readings']} samples of sensors",
+        *(f"{count} × {what}" for what, count in sorted(problems.items())),
     )
-    for what, count in sorted(problems.items()):
-        console.print(f"{count} × {what}", markup=False)

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
+from rich.table import Table
 
+from touchline.cli.console import errors_console, plain_table, say, told_of_compiling
+from touchline.cli.console import output as output_console
 from touchline.errors import InputError, NoFitError, TouchlineError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from touchline.camera import Camera
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
@@ -30,24 +31,16 @@ _ASSUMED_FIELD = "msl-18x12"
 
 
 def locate(
-    source: Annotated[
-        Path,
-        typer.Argument(metavar="POINTS.csv|IMAGE", help="Line points (x_m,y_m), or one image.", show_default=False),
-    ],
+    source: Annotated[Path, typer.Argument(metavar="POINTS.csv|IMAGE", help="Line points (x_m,y_m), or one image.")],
     field: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE", help=f"The field; without it {_ASSUMED_FIELD} is assumed.", show_default=False
-        ),
+        str | None, typer.Option(metavar="NAME|FILE", help=f"The field; without it {_ASSUMED_FIELD} is assumed.")
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image.", show_default=False)] = None,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image.")] = None,
     heading: Annotated[
-        float | None,
-        typer.Option(metavar="RAD", help="Compass heading; without it the whole circle.", show_default=False),
+        float | None, typer.Option(metavar="RAD", help="Compass heading; without it the whole circle.")
     ] = None,
     with_scale: Annotated[
-        bool,
-        typer.Option("--fit-scale", help="Fit a factor of all ranges, too: for a camera with wrong ranges."),
+        bool, typer.Option("--fit-scale", help="Fit a factor of all ranges, too: for a camera with wrong ranges.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
     output: Annotated[
@@ -58,7 +51,6 @@ def locate(
             metavar="PICTURE.png",
             help="New picture: the overlay of an image (without it overlay.png in runs/NAME-locate-N), or the points "
             "on the field.",
-            show_default=False,
         ),
     ] = None,
 ) -> None:
@@ -90,7 +82,7 @@ def locate(
         elif not isinstance(found, NoFitError):
             _print_table(source, model, field is None, found, answer)
         if picture is not None and not as_json:
-            _console().print(f"drawn into {picture}", markup=False)
+            say(f"drawn into {picture}")
     if isinstance(found, NoFitError):
         assumed = f" (--field was not given: {model.name} was assumed)" if field is None else ""
         told = "".join(f". {_better_words(better)}" for better in answer.better)
@@ -100,8 +92,6 @@ def locate(
 @contextmanager
 def _searching() -> Iterator[None]:
     """A terminal shows that something is going on: a million points take a second or two, the first start twenty."""
-    from touchline.cli.console import errors_console, told_of_compiling
-
     console = errors_console()
     with console.status("searching the whole field"), told_of_compiling(console.print):
         yield
@@ -194,20 +184,16 @@ def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output:
 
 
 def _print_table(source: Path, field: FieldModel, assumed: bool, location: Location, answer: _Answer) -> None:
-    out = _console()
-    out.print(_summary(source, field, location), markup=False)
+    say(_summary(source, field, location))
     if answer.scale is not None:
         factor, deviation = answer.scale
-        out.print(f"all ranges were multiplied by {factor:.4f} ± {deviation:.4f} (--fit-scale)", markup=False)
+        say(f"all ranges were multiplied by {factor:.4f} ± {deviation:.4f} (--fit-scale)")
     if assumed:
-        out.print(f"the field {field.name} is assumed; --field NAME or FILE tells another", style="dim", markup=False)
-    out.print(_table(location))
+        say(f"the field {field.name} is assumed; --field NAME or FILE tells another", style="dim")
+    output_console().print(_table(location))
     if not location.hypotheses:
-        out.print("no other pose explains the points as well", style="dim")
-    for doubt in location.doubts:
-        out.print(f"in doubt: {doubt}", style="yellow", markup=False)
-    for better in answer.better:
-        out.print(_better_words(better), style="yellow", markup=False)
+        say("no other pose explains the points as well", style="dim")
+    say(*(f"in doubt: {doubt}" for doubt in location.doubts), *map(_better_words, answer.better), style="yellow")
 
 
 def _better_words(better: Better) -> str:
@@ -228,27 +214,16 @@ def _summary(source: Path, field: FieldModel, location: Location) -> str:
 def _table(location: Location) -> Table:
     """The pose and the other hypotheses, m and degrees, with standard deviations of the pose."""
     import numpy as np
-    from rich.table import Table
 
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("")
-    for title in ("x (m)", "y (m)", "heading (rad)", "heading (°)", "mean distance (cm)"):
-        table.add_column(title, justify="right")
+    table = plain_table("", "x (m)", "y (m)", "heading (rad)", "heading (°)", "mean distance (cm)")
     rows = [("pose", location.pose, location.mean_distance_m)]
     rows += [(f"hypothesis {k}", other.pose, other.residual_m) for k, other in enumerate(location.hypotheses, start=1)]
     for name, pose, distance_m in rows:
         degrees = float(np.degrees(pose.heading))
         numbers = (f"{pose.x:.3f}", f"{pose.y:.3f}", f"{pose.heading:.4f}", f"{degrees:.2f}", f"{100 * distance_m:.1f}")
         table.add_row(name, *numbers)
-    sigma = np.sqrt(np.diag(location.covariance))
-    table.add_row(
-        "± of the pose",
-        *(f"{s:.3f}" for s in sigma[:2]),
-        f"{sigma[2]:.4f}",
-        f"{np.degrees(sigma[2]):.2f}",
-        "",
-        style="dim",
-    )
+    x, y, turn = np.sqrt(np.diag(location.covariance))
+    table.add_row("± of the pose", f"{x:.3f}", f"{y:.3f}", f"{turn:.4f}", f"{np.degrees(turn):.2f}", "", style="dim")
     return table
 
 
@@ -312,9 +287,3 @@ def _field_picture(field: FieldModel, pose: Pose, points: FloatArray) -> ImageAr
     cv2.circle(canvas, robot, 12, (0, 0, 220), 3, cv2.LINE_AA)
     cv2.arrowedLine(canvas, robot, ahead, (0, 0, 220), 3, cv2.LINE_AA)
     return canvas
-
-
-def _console() -> Any:
-    from touchline.cli.console import output
-
-    return output()

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from touchline.cli.console import say
 from touchline.errors import InputError
 from touchline.files.new import write_new_file
 from touchline.messages import counted
@@ -17,9 +18,7 @@ _MAX_IMAGES = 200
 
 
 def mark(
-    images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGE...", help="Images to mark, one or more.", show_default=False)
-    ],
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Images to mark, one or more.")],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -33,7 +32,6 @@ def mark(
 
     touchline mark board/images/000000.jpg   then touchline calibrate camera board/marks.csv -o camera.yaml
     """
-    from touchline.cli.console import output as console
     from touchline.view.marking.clicks import files_of, read_clicks
     from touchline.view.marking.server import MarkServer
 
@@ -54,16 +52,12 @@ def mark(
         server = MarkServer(pictures, save, port)
     except OSError as error:
         raise InputError(f"--port {port}: cannot be used ({error.strerror}); take another, or 0") from None
-    out = console()
-    out.print(
-        f"{counted(len(files), 'image')} to mark at {server.url} (this machine alone; Ctrl-C ends without saving)"
-    )
+    say(f"{counted(len(files), 'image')} to mark at {server.url} (this machine alone; Ctrl-C ends without saving)")
     if browser and _has_screen():
         import webbrowser
 
         webbrowser.open(server.url)
-    for name in server.serve():
-        out.print(f"written: {name}")
+    say(*(f"written: {name}" for name in server.serve()))
 
 
 def _has_screen() -> bool:

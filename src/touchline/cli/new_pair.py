@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from touchline.cli.console import say
 from touchline.errors import InputError
-from touchline.files.new import check_new_file
+from touchline.files.new import check_new_file, write_new_file
+
+if TYPE_CHECKING:
+    from touchline.types import ImageArray
+
+NewFile = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.")]
+NewPicture = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png)."),
+]
 
 CAMERA_ENDINGS = (".yaml", ".yml")
 
@@ -16,30 +29,27 @@ def new_files(output: Path, endings: tuple[str, ...], what: str, picture: Path |
     Raises InputError unless both can be written without overwriting anything, and say by their endings what they are.
     """
     check_new_file(output, endings, what)
-    if picture is not None:
-        _check_picture(picture)
-        return picture
     beside = output.with_suffix(".png")
-    if beside.exists():
+    if picture is None and beside.exists():
         raise InputError(
             f"{beside}: exists already and is not overwritten; the picture of {output.name} needs another name: "
             "--picture FILE"
         )
-    _check_picture(beside)
-    return beside
-
-
-def _check_picture(path: Path) -> None:
     from touchline.view.picture_files import check_new_picture
 
-    check_new_picture(path)
+    check_new_picture(picture or beside)
+    return picture or beside
 
 
 def print_lines(words: str, *files: Path) -> None:
     """What was found, and which files were written."""
-    from touchline.cli.console import output
+    say(words, *(f"written: {file}" for file in files))
 
-    console = output()
-    console.print(words, markup=False)
-    for file in files:
-        console.print(f"written: {file}", markup=False)
+
+def write_pair(output: Path, text: str, picture: Path, drawn: ImageArray, words: str) -> None:
+    """Write both, B, G, R of the picture, and say what was found."""
+    from touchline.view.picture_files import save_picture
+
+    write_new_file(output, text.encode())
+    save_picture(picture, drawn)
+    print_lines(words, output, picture)

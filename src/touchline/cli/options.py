@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from touchline.sources import BagOptions
 
 FollowLinks = Annotated[
-    bool,
-    typer.Option("--follow-links", help="Also read what the recording names or links to outside of its folder."),
+    bool, typer.Option("--follow-links", help="Also read what the recording names or links to outside of its folder.")
 ]
 Topics = Annotated[
     list[str] | None,
@@ -45,6 +44,18 @@ BagLate = Annotated[
         help="Messages without a stamp were received so much later than measured; touchline check tells.",
     ),
 ]
+SkipUnusable = Annotated[bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")]
+SystemName = Annotated[
+    str | None, typer.Option("--system", help="The system to run (default: touchline); see touchline systems.")
+]
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file of settings.")]
+Overrides = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
+]
+StartPose = Annotated[
+    str | None, typer.Option("--start", metavar="X,Y,HEADING", help="Where the robot starts (m, m, rad), field frame.")
+]
+OwnHalf = Annotated[bool, typer.Option("--own-half", help="The robot starts in its own half (x < 0).")]
 
 
 def bag_options(
@@ -58,6 +69,12 @@ def bag_options(
         if not (role and equals and name):
             raise InputError(f"--topic {role}{equals}{name}: expected ROLE=/NAME, for example image=/front/image_raw")
     return BagOptions({role: name for role, _, name in named}, field, camera, base, late_ms)
+
+
+def check_handedness(given: int | None) -> None:
+    """Raises InputError for what is none."""
+    if given not in (None, 1, -1):
+        raise InputError(f"--handedness: 1 or -1 is expected, found {given}")
 
 
 def turn_in_rad(angle: float, option: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,16 +12,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from touchline.cli import INTERRUPTED
-from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
-from touchline.cli.console import output as output_console
+from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, say, told_of_compiling, warn
 from touchline.cli.interrupts import interruptible
-from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
+from touchline.cli.options import (
+    BagBase,
+    BagCamera,
+    BagField,
+    BagLate,
+    ConfigFile,
+    FollowLinks,
+    Overrides,
+    OwnHalf,
+    StartPose,
+    SystemName,
+    Topics,
+    bag_options,
+)
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError, TouchlineError
+from touchline.files.new import check_new_path
+from touchline.messages import counted
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from touchline.api import PreparedRun
     from touchline.evaluation import Run
     from touchline.evaluation.runner import OnFrame
@@ -39,25 +52,15 @@ class InterruptedRun(TouchlineError):
 
 
 def run(
-    recording: Annotated[
-        Path,
-        typer.Argument(metavar="RECORDING", help="A recording: a folder, an MCAP file, a bag.", show_default=False),
-    ],
-    system: Annotated[
-        str | None, typer.Option(help="The system to run (default: touchline); see touchline systems.")
-    ] = None,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording: a folder, an MCAP file, a bag.")],
+    system: SystemName = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).", show_default=False),
+        Path | None, typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).")
     ] = None,
-    start: Annotated[
-        str | None, typer.Option(metavar="X,Y,HEADING", help="Where the robot starts (m, m, rad), field frame.")
-    ] = None,
-    own_half: Annotated[bool, typer.Option("--own-half", help="The robot starts in its own half (x < 0).")] = False,
-    config: Annotated[Path | None, typer.Option(help="YAML file of settings.", show_default=False)] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
-    ] = None,
+    start: StartPose = None,
+    own_half: OwnHalf = False,
+    config: ConfigFile = None,
+    settings: Overrides = None,
     preset: Annotated[
         str | None,
         typer.Option(metavar="paper", help="The system's exact form in its paper; file and --set win over it."),
@@ -100,12 +103,10 @@ def on_screen(screen: Screen | None, prepared: PreparedRun) -> Sequence[OnFrame]
 
 def demo(
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="New folder for the results (default: runs/demo-N).", show_default=False),
+        Path | None, typer.Option("--output", "-o", help="New folder for the results (default: runs/demo-N).")
     ] = None,
     copy: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Only copy the recording into this new folder.", show_default=False),
+        Path | None, typer.Option(metavar="DIR", help="Only copy the recording into this new folder.")
     ] = None,
 ) -> None:
     """Localise the bundled recording, print the error table, write a report."""
@@ -119,16 +120,11 @@ def demo(
 
 
 def _copy_example(recording: Path, target: Path, output: Path | None) -> None:
-    import shutil
-
-    from touchline.cli.console import output as output_console
-    from touchline.files.new import check_new_path
-
     if output is not None:
         raise InputError("--output and --copy exclude each other: a copy is not localised")
     check_new_path(target)
     shutil.copytree(recording, target)
-    output_console().print(f"{target}: the bundled recording; touchline run {target} localises it", markup=False)
+    say(f"{target}: the bundled recording; touchline run {target} localises it")
 
 
 def example_recording() -> Path:
@@ -159,7 +155,6 @@ def execute(
     on_frame: called with every frame and its estimate.
     """
     from touchline.evaluation.run_folder import new_folder
-    from touchline.messages import counted
 
     warn_of(prepared)
     folder = new_folder(output, name or prepared.source.name)
@@ -185,11 +180,10 @@ def warn_of(prepared: PreparedRun) -> None:
     """Say what the user should know before a run."""
     from touchline.sources import ProblemKind
 
-    for problem in prepared.source.problems:
-        if problem.kind in (ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC):
-            errors_console().print(f"warning: {problem}", style="yellow", markup=False)
-    for notice in prepared.notices:
-        errors_console().print(f"warning: {notice}", style="yellow", markup=False)
+    first = ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC
+    problems = [problem for problem in prepared.source.problems if problem.kind in first]
+    for notice in (*problems, *prepared.notices):
+        warn(f"warning: {notice}")
 
 
 @contextmanager
@@ -222,42 +216,43 @@ def print_run(finished: Run) -> None:
     """The error table, rates, problems and where the report is."""
     from touchline.evaluation.report import other_side_text
 
-    console, summary = output_console(), finished.summary
+    summary = finished.summary
     if finished.errors is not None:
-        print_errors(console, finished.errors)
+        print_errors(finished.errors)
     else:
-        console.print(f"no errors to show: {finished.why_no_errors}")
-    _print_speed(console, summary)
-    console.print(", ".join(f"{name} {count}" for name, count in summary["status"].items() if count) or "no images")
+        say(f"no errors to show: {finished.why_no_errors}")
+    _print_speed(summary)
+    say(_counts(summary["status"]) or "no images")
     if "mode" in summary:
-        console.print("mode: " + ", ".join(f"{name} {count}" for name, count in summary["mode"].items() if count))
-    if told := other_side_text(summary):
-        console.print(told, style="yellow", markup=False)
+        say(f"mode: {_counts(summary['mode'])}")
+    doubts = [other] if (other := other_side_text(summary)) else []
     if summary["status"]["tracking"] and (why := summary["why_not_localised"]):
-        console.print(f"most images show nothing: {why}", style="yellow", markup=False)
-    for one in summary["said"][:_MAX_SAID]:
-        console.print(f"{one['t']:.2f} s: {one['what']}", style="yellow", markup=False)
-    problems = summary["problems"]["counts"]
-    if problems:
-        said = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
-        console.print(f"problems of the recording: {said} (touchline check lists them)", style="yellow")
-    console.print(f"report: {finished.report}", markup=False)
+        doubts.append(f"most images show nothing: {why}")
+    doubts += [f"{one['t']:.2f} s: {one['what']}" for one in summary["said"][:_MAX_SAID]]
+    if problems := summary["problems"]["counts"]:
+        kinds = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
+        doubts.append(f"problems of the recording: {kinds} (touchline check lists them)")
+    say(*doubts, style="yellow")
+    say(f"report: {finished.report}")
 
 
-def _print_speed(console: Console, summary: dict[str, Any]) -> None:
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+
+
+def _print_speed(summary: dict[str, Any]) -> None:
     """The start, which loads code and may learn colours, apart from the rest."""
     from touchline.evaluation.latency import milliseconds
-    from touchline.messages import counted
 
     latency = summary["latency_ms"]
     total, left_out = latency["total"], latency["first_left_out"]
     if total["median"] is None:
         return
-    console.print(f"{counted(summary['frames'], 'image')} at {summary['rate_fps']:.0f} images/s, reading included")
+    say(f"{counted(summary['frames'], 'image')} at {summary['rate_fps']:.0f} images/s, reading included")
     most_ms = max(total["max"], latency["start_max"])
     words = f"{milliseconds(total['median'])} ms median, {milliseconds(total['p99'])} ms p99"
     words += f" after the first {left_out}; " if left_out else ", "
     words += f"{milliseconds(most_ms)} ms at most"
     if most_ms == latency["start_max"]:
         words += f" at the start (code is loaded{', colours are learned' if summary['learns_colours'] else ''})"
-    console.print(f"time per image: {words}")
+    say(f"time per image: {words}")

@@ -99,11 +99,11 @@ def _table(rows: list[Row]) -> str:
 
 
 def _rows(settings: type[Settings]) -> Iterator[Row]:
-    paper = {shown_key(key): _value(value) for key, value in _leaves(preset_values(settings))}
+    paper = {shown_key(key): shown_value(value) for key, value in _leaves(preset_values(settings))}
     for key, default, description in settings_rows(settings):
         unit = unit_of(key)  # which has a column of its own here
         about = _without_unit(_sentence(description), unit)
-        yield Row(f"`{key}`", _value(default), paper.get(key, ""), unit, about)
+        yield Row(f"`{key}`", shown_value(default), paper.get(key, ""), unit, about)
 
 
 def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -119,7 +119,8 @@ def _without_unit(text: str, unit: str) -> str:
     return text.replace(f" ({unit})", "").replace(" (degrees)", "")
 
 
-def _value(value: Any) -> str:
+def shown_value(value: Any) -> str:
+    """A setting's value as people write it."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "true", False: "false"}[value]
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.console import output as output_console
+from touchline.cli.console import plain_table, say, steps_shown
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,22 +21,15 @@ _LONG_ENOUGH = 20  # images to calibrate a perspective camera with
 
 def simulate(
     scenario: Annotated[
-        str | None,
-        typer.Argument(metavar="NAME|FILE", help="A scenario by name, or a file of your own.", show_default=False),
+        str | None, typer.Argument(metavar="NAME|FILE", help="A scenario by name, or a file of your own.")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="DIR", help="The new recording's folder (default: NAME).", show_default=False
-        ),
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="The new recording's folder (default: NAME).")
     ] = None,
     seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="Another run of the same kind (default: the scenario's).", show_default=False),
+        int | None, typer.Option(min=0, help="Another run of the same kind (default: the scenario's).")
     ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="Length of the run (default: the scenario's).", show_default=False)
-    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Length of the run (default: the scenario's).")] = None,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change one key of the scenario; may be repeated."),
@@ -56,7 +51,7 @@ def simulate(
     if listing or scenario is None:
         _list_scenarios()
         return
-    from touchline.cli.console import output as console
+    from touchline.simulation.recording import write_recording
     from touchline.simulation.run import Simulation
     from touchline.simulation.scenario import open_scenario
 
@@ -69,15 +64,14 @@ def simulate(
     except InputError as error:
         raise InputError(f"{scenario}: {error}") from None
     started = time.perf_counter()
-    _write_with_progress(simulation, folder)
+    with steps_shown("simulating", len(simulation)) as advance:
+        write_recording(simulation, folder, advance)
     rate = len(simulation) / (time.perf_counter() - started)
-    console().print(
+    say(
         f"{folder}: {len(simulation)} images, {chosen.seconds:g} s of {chosen.name}, seed {chosen.seed} "
-        f"({rate:.{0 if rate >= 10 else 1}f} images per second)",
-        markup=False,
+        f"({rate:.{0 if rate >= 10 else 1}f} images per second)"
     )
-    for line in _advice(simulation, folder):
-        console().print(line, markup=False, style="dim")
+    say(*_advice(simulation, folder), style="dim")
 
 
 def _advice(simulation: Simulation, folder: Path) -> Iterator[str]:
@@ -107,30 +101,11 @@ def _advice(simulation: Simulation, folder: Path) -> Iterator[str]:
     yield f"touchline run {folder} localises it"
 
 
-def _write_with_progress(simulation: Simulation, folder: Path) -> None:
-    from rich.progress import Progress
-
-    from touchline.cli.console import errors_console
-    from touchline.simulation.recording import write_recording
-
-    console = errors_console()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("simulating", total=len(simulation))
-        write_recording(simulation, folder, lambda frame: progress.advance(task))
-
-
 def _list_scenarios() -> None:
-    from rich.table import Table
-
-    from touchline.cli.console import output as console
     from touchline.simulation.scenario import open_scenario, scenario_names
 
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for title in ("scenario", "what it shows", "field", "camera", "seconds"):
-        table.add_column(title, overflow="fold")
-    for name in scenario_names():
-        scenario = open_scenario(name)
-        table.add_row(name, scenario.description, scenario.field, scenario.camera.kind, f"{scenario.seconds:g}")
-    out = console()
-    out.print(table, soft_wrap=False)
-    out.print("touchline simulate NAME --output DIR writes a recording", style="dim")
+    scenarios = ((name, open_scenario(name)) for name in scenario_names())
+    rows = ((name, each.description, each.field, each.camera.kind, f"{each.seconds:g}") for name, each in scenarios)
+    titles = "scenario", "what it shows", "field", "camera", "seconds"
+    output_console().print(plain_table(*titles, rows=rows, numbers_from=None, overflow="fold"), soft_wrap=False)
+    say("touchline simulate NAME --output DIR writes a recording", style="dim")

@@ -6,15 +6,14 @@ from typing import Annotated
 
 import typer
 
+from touchline.cli.console import output, plain_table, say
 from touchline.errors import InputError
 
 _WIDE, _WIDTH_OF_MEANINGS = 400, 20  # characters
 
 
 def systems(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Show this system's settings.", show_default=False)
-    ] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Show this system's settings.")] = None,
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print every setting of all systems as the page docs/settings.md.")
     ] = False,
@@ -27,39 +26,26 @@ def systems(
 
         typer.echo(settings_page(), nl=False)
         return
-    from rich.table import Table
-
-    from touchline.cli.console import output
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
 
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
     if name is None:
-        table.add_column("system", no_wrap=True)
-        table.add_column("what it is")
-        for info in SYSTEMS.values():
-            mark = " (default)" if info.name == DEFAULT_SYSTEM else ""
-            table.add_row(f"{info.name}{mark}", info.description)
-        out = output()
-        out.print(table, soft_wrap=False)
-        out.print("touchline systems NAME: the settings of one; touchline run --system NAME runs it", style="dim")
+        marks = {DEFAULT_SYSTEM: " (default)"}
+        rows = ((f"{info.name}{marks.get(info.name, '')}", info.description) for info in SYSTEMS.values())
+        table = plain_table("system", "what it is", rows=rows, numbers_from=None)
+        table.columns[0].no_wrap = True
+        output().print(table, soft_wrap=False)
+        say("touchline systems NAME: the settings of one; touchline run --system NAME runs it", style="dim")
         return
+    from touchline.cli.settings_page import shown_value
     from touchline.config import settings_rows
 
     info = system_info(name)
-    table.add_column("setting", no_wrap=True)
-    table.add_column("default", justify="right")
-    table.add_column("what it means")
-    for key, default, description in settings_rows(info.settings):
-        table.add_row(key, _short(default), description)
+    settings = ((key, shown_value(default), description) for key, default, description in settings_rows(info.settings))
+    table = plain_table("setting", "default", "what it means", rows=settings)
+    table.columns[0].no_wrap, table.columns[2].justify = True, "left"
     console = output()
     console.print(f"{info.name}: {info.description}")
     least = console.measure(table, options=console.options.update(width=_WIDE)).minimum + _WIDTH_OF_MEANINGS
     console.width = max(console.width, least)  # a setting's name is for typing: rather let the terminal break a line
     console.print(table, soft_wrap=False)
-    console.print("touchline run --set KEY=VALUE changes one; none is written null", style="dim", markup=False)
-
-
-def _short(value: object) -> str:
-    if value is None:
-        return "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    say("touchline run --set KEY=VALUE changes one; none is written null", style="dim")

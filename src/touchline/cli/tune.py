@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.console import errors_console, output, plain_table, say, told_of_compiling
 from touchline.cli.workers import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from touchline.evaluation.tuning import Score, Search, Trial
     from touchline.evaluation.tuning.result import Judged
 
@@ -21,10 +20,7 @@ _CM = 100.0
 
 def tune(
     names: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RECORDING|SCENARIO...", help="Recordings that hold the truth, or scenarios.", show_default=False
-        ),
+        list[str], typer.Argument(metavar="RECORDING|SCENARIO...", help="Recordings that hold the truth, or scenarios.")
     ],
     search: Annotated[
         list[str],
@@ -33,22 +29,17 @@ def tune(
         ),
     ],
     output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="DIR", help="The search's folder; one that exists goes on.", show_default=False
-        ),
+        Path, typer.Option("--output", "-o", metavar="DIR", help="The search's folder; one that exists goes on.")
     ],
-    system: Annotated[str | None, typer.Option(help="The system (default: touchline).", show_default=False)] = None,
+    system: Annotated[str | None, typer.Option(help="The system (default: touchline).")] = None,
     trials: Annotated[int, typer.Option(min=2, metavar="N", help="How many settings are tried.")] = 40,
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with other chance on each.")] = 1,
-    seconds: Annotated[float | None, typer.Option(min=1.0, help="Of each scenario.", show_default=False)] = None,
+    seconds: Annotated[float | None, typer.Option(min=1.0, help="Of each scenario.")] = None,
     judged_on: Annotated[
         list[str] | None,
         typer.Option("--judge", metavar="RECORDING", help="Others, on which the winner is judged. Repeatable."),
     ] = None,
-    config: Annotated[
-        Path | None, typer.Option(help="YAML file of the settings that stay.", show_default=False)
-    ] = None,
+    config: Annotated[Path | None, typer.Option(help="YAML file of the settings that stay.")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One of the settings that stay; repeatable.")
     ] = None,
@@ -63,7 +54,6 @@ def tune(
 
     An image costs its error in m, its heading's in rad added, 1 m at most; one that is not tracked costs 1 m.
     """
-    from touchline.cli.console import errors_console, told_of_compiling
     from touchline.evaluation.tuning import Search, Task, dimension_from_text, tasks_on
     from touchline.evaluation.tuning import tune as search_for
     from touchline.evaluation.tuning.result import judge, write_results
@@ -91,7 +81,7 @@ def tune(
         judged = judge(judged_on or (), others, best.values, hands) if others and best.values else None
     _tell(asked, tried, judged, bool(others))
     for path in write_results(output, asked, tried, judged):
-        console.print(f"written: {path}", markup=False)
+        console.print(f"written: {path}")
 
 
 def _make(folder: Path) -> None:
@@ -106,8 +96,6 @@ class _Progress:
 
     def __init__(self, total: int) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        from touchline.cli.console import errors_console
 
         words = TextColumn("best {task.fields[best]}")
         self._bar = Progress(BarColumn(), MofNCompleteColumn(), words, TimeRemainingColumn(), console=errors_console())
@@ -129,44 +117,27 @@ class _Progress:
 
 def _tell(search: Search, trials: list[Trial], judged: Judged | None, wanted: bool) -> None:
     """The best settings, what they cost, and what that is worth."""
-    from touchline.cli.console import output
     from touchline.evaluation.tuning.search import best_of
     from touchline.evaluation.tuning.trial import mean_score
 
-    console, best = output(), trials[best_of(trials)]
-    table = _table("", "cost (cm)", "tracked (%)", "error (cm)")
+    best = trials[best_of(trials)]
     found = [("found on these: as they are", trials[0].scores), ("found on these: the best", best.scores)]
-    for title, scores in found:
-        if scores is not None:
-            _add(table, title, mean_score(scores))
+    rows = [_row(title, mean_score(scores)) for title, scores in found if scores is not None]
     if judged is not None:
-        _add(table, "judged on others: as they are", judged.before)
-        _add(table, "judged on others: the best", judged.best)
-    console.print(table)
+        rows += [_row("judged on others: as they are", judged.before), _row("judged on others: the best", judged.best)]
+    output().print(plain_table("", "cost (cm)", "tracked (%)", "error (cm)", rows=rows, no_wrap=True))
     if not best.values:
-        console.print("nothing better was found than the settings as they are", style="yellow")
+        say("nothing better was found than the settings as they are", style="yellow")
         return
-    for key, value in best.values:
-        console.print(f"{key}: {value}", markup=False)
+    say(*(f"{key}: {value}" for key, value in best.values))
     if judged is not None and judged.better:
-        console.print("better on recordings that the search has not seen, too", style="green")
+        say("better on recordings that the search has not seen, too", style="green")
     elif judged is not None:
-        console.print("not better on the others: keep the settings as they are", style="yellow")
+        say("not better on the others: keep the settings as they are", style="yellow")
     elif not wanted:
-        console.print(
-            "found on these recordings, and so better there than anywhere else: judge it on others (--judge)",
-            style="yellow",
-        )
+        what = "found on these recordings, and so better there than anywhere else: judge it on others (--judge)"
+        say(what, style="yellow")
 
 
-def _add(table: Table, title: str, score: Score) -> None:
-    table.add_row(title, f"{_CM * score.cost_m:.3f}", f"{100.0 * score.tracked:.1f}", f"{_CM * score.mean_m:.3f}")
-
-
-def _table(*titles: str) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for index, title in enumerate(titles):
-        table.add_column(title, justify="right" if index else "left", no_wrap=True)
-    return table
+def _row(title: str, score: Score) -> tuple[str, ...]:
+    return title, f"{_CM * score.cost_m:.3f}", f"{100.0 * score.tracked:.1f}", f"{_CM * score.mean_m:.3f}"

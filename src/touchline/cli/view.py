@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.console import say
 from touchline.cli.options import BagBase, BagLate, FollowLinks, Topics, bag_options
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
     from touchline.sources import BagOptions
-    from touchline.view.look import Look
 
 
 def view(
-    source: Annotated[
-        Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.", show_default=False)
-    ],
+    source: Annotated[Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.")],
     stages: Annotated[bool, typer.Option("--stages", help="Every stage's picture and a sheet of all.")] = False,
     frame: Annotated[
         int | None,
@@ -28,23 +26,13 @@ def view(
             min=0,
             metavar="N",
             help="Which image of a recording, from 0 (default: the first in which the robot is located).",
-            show_default=False,
         ),
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image or bag.", show_default=False)] = None,
-    field: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|FILE", help="The field of an image or bag.", show_default=False),
-    ] = None,
-    system: Annotated[
-        str | None,
-        typer.Option(help="Whose stages to draw (default: touchline).", show_default=False),
-    ] = None,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image or bag.")] = None,
+    field: Annotated[str | None, typer.Option(metavar="NAME|FILE", help="The field of an image or bag.")] = None,
+    system: Annotated[str | None, typer.Option(help="Whose stages to draw (default: touchline).")] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="New folder for the pictures (default: runs/NAME-view-N).", show_default=False
-        ),
+        Path | None, typer.Option("--output", "-o", help="New folder for the pictures (default: runs/NAME-view-N).")
     ] = None,
     follow_links: FollowLinks = False,
     topics: Topics = None,
@@ -88,7 +76,8 @@ def view(
         look = look_at_image(source, camera, field, system)
     pictures = look.stages() if stages else {"overlay": look.overlay()}
     folder = new_folder(output, f"{look.name}-view")
-    _tell(look, save_pictures(pictures, folder))
+    written = save_pictures(pictures, folder)
+    say(look.words(), *map(str, written))
 
 
 def _show_all(
@@ -96,7 +85,6 @@ def _show_all(
 ) -> None:
     """A system's run over a recording in the viewer; no folder is written."""
     from touchline.api import prepare
-    from touchline.cli.console import output
     from touchline.cli.run import frame_progress, on_screen, warn_of
     from touchline.sources import open_source
     from touchline.systems import DEFAULT_SYSTEM
@@ -116,13 +104,4 @@ def _show_all(
                     tell(frame, estimate)
                 if stop():
                     break
-        output().print(", ".join(f"{status} {count}" for status, count in statuses.items()) or "no images")
-
-
-def _tell(look: Look, written: list[Path]) -> None:
-    from touchline.cli.console import output
-
-    console = output()
-    console.print(look.words())
-    for path in written:
-        console.print(str(path))
+        say(", ".join(f"{status} {count}" for status, count in statuses.items()) or "no images")

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from touchline.cli import INTERRUPTED
+from touchline.cli.console import errors_console, say
 from touchline.cli.interrupts import interruptible
 from touchline.errors import InputError, TouchlineError
 
@@ -23,14 +24,10 @@ _VIEW, _WINDOW, _WEB = "--view", "window", "web"
 _LOOK_S = 0.2
 
 ShowIn = Annotated[
-    str | None,
-    typer.Option(
-        _VIEW, metavar="[web]", help="Show it in the viewer: a window, or a browser (extra view).", show_default=False
-    ),
+    str | None, typer.Option(_VIEW, metavar="[web]", help="Show it in the viewer: a window, or a browser (extra view).")
 ]
 KeepIn = Annotated[
-    Path | None,
-    typer.Option("--rrd", metavar="FILE.rrd", help="Keep what the viewer shows, for later.", show_default=False),
+    Path | None, typer.Option("--rrd", metavar="FILE.rrd", help="Keep what the viewer shows, for later.")
 ]
 
 
@@ -57,12 +54,11 @@ def shown_in(view: str | None, rrd: Path | None, stays: bool = True) -> Iterator
         return
     if view is not None and rrd is not None:
         raise InputError("--view and --rrd exclude each other: the viewer itself can save what it shows")
-    from touchline.cli.console import errors_console
     from touchline.view.viewer import open_screen
 
     screen = open_screen(view, rrd)
     if screen.url is not None:
-        errors_console().print(f"the viewer is at {screen.url}", markup=False, soft_wrap=True)
+        errors_console().print(f"the viewer is at {screen.url}")
     begun, watched = True, stays
     try:
         yield screen
@@ -83,11 +79,9 @@ def shown_in(view: str | None, rrd: Path | None, stays: bool = True) -> Iterator
 
 def _finish(screen: Screen, rrd: Path | None, wanted: bool) -> None:
     """Hand all on. A page is served until Ctrl-C, if it is wanted."""
-    from touchline.cli.console import errors_console, output
-
     screen.finish()
     if rrd is not None:
-        output().print(f"for the viewer: {rrd} (rerun {rrd} opens it)", markup=False, soft_wrap=True)
+        say(f"for the viewer: {rrd} (rerun {rrd} opens it)")
     if screen.url is not None and wanted:
         errors_console().print("Ctrl-C ends the viewer")
         with interruptible() as stop:

@@ -10,8 +10,5 @@ WorkerCount = Annotated[
     int, typer.Option("--workers", min=1, metavar="N", help="So many processes; the numbers are the same.")
 ]
 DaskAddress = Annotated[
-    str | None,
-    typer.Option(
-        "--dask", metavar="ADDRESS", help="On a Dask cluster (tcp://HOST:PORT; extra tune).", show_default=False
-    ),
+    str | None, typer.Option("--dask", metavar="ADDRESS", help="On a Dask cluster (tcp://HOST:PORT; extra tune).")
 ]
