@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from touchline.errors import InputError
 from touchline.files.opened import MAX_LINE, open_bytes
 from touchline.geometry import FloatArray
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.sensors import increasing_rows, report_disorder
+from touchline.sources.sensors import rows_in_order
 from touchline.sources.tables import (
     Line,
     StampArray,
@@ -24,7 +25,6 @@ from touchline.sources.tables import (
     read_lines,
     shown,
     to_number,
-    to_stamps,
 )
 from touchline.sources.units import advice_on_times
 
@@ -56,10 +56,9 @@ class ImageList:
 
     def listed(self) -> Iterator[tuple[int, str]]:
         """Row (from 0, the line after the header) and file of every line that names one, usable or not."""
-        for lines in read_lines(self.table):
-            for line in lines:
-                if name := _file_cell(self.table, line.text):
-                    yield line.number - 2, name
+        for line in chain.from_iterable(read_lines(self.table)):
+            if name := _file_cell(self.table, line.text):
+                yield line.number - 2, name
 
 
 def read_image_list(path: Path, log: ProblemLog) -> ImageList:
@@ -67,25 +66,23 @@ def read_image_list(path: Path, log: ProblemLog) -> ImageList:
     table = open_table(path, ["t", "file"])
     times, exposures, gains = array("d"), array("d"), array("d")
     numbers, offsets = array("q"), array("q")
-    for lines in read_lines(table):
-        for line in lines:
-            row = parse_row(table, line, ["t"], log)
-            if row is None:
-                continue
-            if not _file_cell(table, line.text):
-                log.add(ProblemKind.BROKEN_ROW, table.name, "names no file; the row is left out", line=line.number)
-                continue
-            times.append(row[0])
-            exposures.append(_setting(table, line, "exposure_ms", log))
-            gains.append(_setting(table, line, "gain", log))
-            numbers.append(line.number)
-            offsets.append(line.offset)
+    for line in chain.from_iterable(read_lines(table)):
+        row = parse_row(table, line, ["t"], log)
+        if row is None:
+            continue
+        if not _file_cell(table, line.text):
+            log.add(ProblemKind.BROKEN_ROW, table.name, "names no file; the row is left out", line=line.number)
+            continue
+        times.append(row[0])
+        exposures.append(_setting(table, line, "exposure_ms", log))
+        gains.append(_setting(table, line, "gain", log))
+        numbers.append(line.number)
+        offsets.append(line.offset)
     if not times:
         why = advice_on_times(table) or "; every line after the header has to read t,file,exposure_ms,gain"
         raise InputError(f"{path}: names no image{why}")
-    stamps, lines_read = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
-    keep = increasing_rows(stamps)
-    report_disorder(table.name, np.array(times), lines_read, keep, log, "; the image is left out")
+    lines_read = np.array(numbers, dtype=np.int64)
+    stamps, keep = rows_in_order(table.name, np.array(times), lines_read, log, "; the image is left out")
     return ImageList(
         table,
         stamps[keep],

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import repeat
+from enum import StrEnum
+from itertools import chain, repeat
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -18,21 +19,20 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.sensors import increasing_rows, report_disorder
+from touchline.sources.sensors import rows_in_order
 from touchline.sources.tables import (
-    Line,
+    RowError,
     StampArray,
     Table,
     open_table,
     parse_row,
+    read_cell,
     read_lines,
     shown,
     to_number,
-    to_stamps,
 )
 from touchline.sources.units import advice_on_times
 from touchline.types import (
-    MAX_VALUE,
     CrossingKind,
     Crossings,
     LandmarkKind,
@@ -48,26 +48,16 @@ HEADER = "t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,
 POINT, LINE, BOUNDARY, NOTHING = "point", "line", "boundary", "none"
 KINDS = (POINT, LINE, *CrossingKind, *LandmarkKind, BOUNDARY, NOTHING)
 SAME_TIME_NS = 500_000  # an image and its rows may be written with a different number of digits
-_UNKNOWN = (math.nan, math.nan, math.nan)
+_NUMBERS = [name for name in HEADER.split(",") if name not in ("t", "kind", "color")]
+_SECOND_END = ("x2_m", "y2_m", "cov2_xx", "cov2_xy", "cov2_yy")  # of a line alone
 _MAX_BYTES = 4_000_000  # of one image's rows: memory stays bounded whatever the file holds
 
 
-class _RowError(Exception):
-    """Why one row can't be used."""
-
-
 class _Seen(NamedTuple):
-    """One row in plain numbers, NaN where unknown. covariance, covariance2: xx, xy, yy of both ends."""
+    """One row: its numbers in the order of _NUMBERS, NaN where unknown."""
 
-    x: float
-    y: float
-    x2: float
-    y2: float
-    covariance: tuple[float, float, float]
-    covariance2: tuple[float, float, float]
-    orientation_rad: float
+    numbers: list[float]
     colors: tuple[str, ...]
-    confidence: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -113,7 +103,7 @@ class ObservationList:
                 continue
             try:
                 kind, seen = _row(self.table, text)
-            except _RowError as error:
+            except RowError as error:
                 log.add(ProblemKind.BROKEN_ROW, self.table.name, f"{error}; the row is left out", line=number)
                 continue
             if seen is not None:
@@ -129,7 +119,7 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
     table = open_table(path, ["t", "kind", "x_m", "y_m"])
     times, numbers, offsets, ends = array("d"), array("q"), array("q"), array("q")
     last: str | None = None
-    for line in _lines(table):
+    for line in chain.from_iterable(read_lines(table)):
         cell = _time_cell(table, line.text)
         end = line.offset + len(line.text)
         if cell is not None and cell == last:
@@ -149,10 +139,9 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
     if not times:
         why = advice_on_times(table) or f"; every line after the header has to read {HEADER}"
         raise InputError(f"{path}: holds no observation{why}")
-    stamps, lines = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
-    keep = increasing_rows(stamps)
+    lines = np.array(numbers, dtype=np.int64)
     outcome = " (the rows of an image stand together); what was seen is left out"
-    report_disorder(table.name, np.array(times), lines, keep, log, outcome)
+    stamps, keep = rows_in_order(table.name, np.array(times), lines, log, outcome)
     where = (np.array(values, dtype=np.int64)[keep] for values in (offsets, ends))
     return ObservationList(table, stamps[keep], lines[keep], *where)
 
@@ -166,7 +155,7 @@ def observation_of(stamp_ns: int, rows: Iterable[Mapping[str, str]]) -> Observat
     for number, row in enumerate(rows, start=1):
         try:
             kind, seen = _seen(row)
-        except _RowError as error:
+        except RowError as error:
             raise InputError(f"row {number}: {error}") from None
         if seen is not None:
             found[kind].append(seen)
@@ -203,11 +192,6 @@ def _table_rows(
     return rows
 
 
-def _lines(table: Table) -> Iterator[Line]:
-    for lines in read_lines(table):
-        yield from lines
-
-
 def _time_cell(table: Table, text: str) -> str | None:
     """The text of a line's time; None if the line is too short to have one."""
     position = table.columns["t"]
@@ -219,7 +203,7 @@ def _row(table: Table, text: str) -> tuple[str, _Seen | None]:
     """Kind and content of a row; None for `none`."""
     cells = [cell.strip() for cell in text.split(",")]
     if len(cells) != table.width:
-        raise _RowError(f"has {len(cells)} values where the header names {table.width} columns")
+        raise RowError(f"has {len(cells)} values where the header names {table.width} columns")
     return _seen({name: cells[position] for name, position in table.columns.items()})
 
 
@@ -227,110 +211,84 @@ def _seen(row: Mapping[str, str]) -> tuple[str, _Seen | None]:
     """Kind and content of the cells of a row by column; None for `none`."""
     kind = row.get("kind", "").strip('"')
     if kind not in KINDS:
-        raise _RowError(f"kind {shown(kind)} is not known; {did_you_mean(kind, KINDS)}")
+        raise RowError(f"kind {shown(kind)} is not known; {did_you_mean(kind, KINDS)}")
     if kind == NOTHING:
         return kind, None
-    x, y, x2, y2 = _needed(row, "x_m"), _needed(row, "y_m"), math.nan, math.nan
-    if kind == LINE:
-        x2, y2 = _needed(row, "x2_m"), _needed(row, "y2_m")
-    confidence = _optional(row, "confidence")
-    if not (math.isnan(confidence) or 0.0 <= confidence <= 1.0):
-        raise _RowError(f"confidence is {confidence:g}, expected 0 to 1")
-    colors = tuple(filter(None, row.get("color", "").strip('"').split("-")))
-    seen = _Seen(
-        x,
-        y,
-        x2,
-        y2,
-        _covariance(row, "cov"),
-        _covariance(row, "cov2") if kind == LINE else _UNKNOWN,
-        _optional(row, "orientation_rad"),
-        colors,
-        1.0 if math.isnan(confidence) else confidence,
-    )
-    return kind, seen
+    left_out = () if kind == LINE else _SECOND_END
+    numbers = {name: math.nan if name in left_out else _number(row, name) for name in _NUMBERS}
+    for name in ("x_m", "y_m", *(("x2_m", "y2_m") if kind == LINE else ())):
+        if math.isnan(numbers[name]):
+            raise RowError(f"column '{name}' is {'empty' if name in row else 'missing'}, but a {kind} needs it")
+    if math.isnan(numbers["confidence"]):
+        numbers["confidence"] = 1.0
+    if not 0.0 <= numbers["confidence"] <= 1.0:
+        raise RowError(f"confidence is {numbers['confidence']:g}, expected 0 to 1")
+    for end in ("cov", "cov2"):
+        names = [f"{end}_{axes}" for axes in ("xx", "xy", "yy")]
+        xx, xy, yy = (numbers[name] for name in names)
+        if not all(math.isnan(value) for value in (xx, xy, yy)):
+            numbers[names[1]] = xy = 0.0 if math.isnan(xy) else xy
+            if not (xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):  # False for NaN, too
+                raise RowError(f"{', '.join(names)} are no covariance")
+    return kind, _Seen(list(numbers.values()), tuple(filter(None, row.get("color", "").strip('"').split("-"))))
 
 
-def _needed(row: Mapping[str, str], name: str) -> float:
-    value = _optional(row, name)
-    if math.isnan(value):
-        raise _RowError(f"column '{name}' is {'empty' if name in row else 'missing'}, but a {row['kind']} needs it")
-    return value
-
-
-def _optional(row: Mapping[str, str], name: str) -> float:
-    """A number; NaN where the cell is empty, or the file has no such column."""
+def _number(row: Mapping[str, str], name: str) -> float:
+    """NaN where the cell is empty, or the file has no such column."""
     cell = row.get(name, "")
-    if not cell:
-        return math.nan
-    value = to_number(cell)
-    if value is None:
-        raise _RowError(f"column '{name}' reads {shown(cell)}, which is not a number")
-    if not math.isfinite(value) or abs(value) >= MAX_VALUE:
-        raise _RowError(f"column '{name}' is {value:g}, which is no measurement")
-    return value
+    return read_cell(f"column '{name}'", cell) if cell else math.nan
 
 
-def _covariance(row: Mapping[str, str], name: str) -> tuple[float, float, float]:
-    """xx, xy, yy; all NaN where none is given."""
-    xx, xy, yy = (_optional(row, f"{name}_{axes}") for axes in ("xx", "xy", "yy"))
-    if math.isnan(xx) and math.isnan(xy) and math.isnan(yy):
-        return _UNKNOWN
-    xy = 0.0 if math.isnan(xy) else xy
-    if not (xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):  # False for NaN, too
-        raise _RowError(f"{name}_xx, {name}_xy, {name}_yy are no covariance")
-    return xx, xy, yy
-
-
-def _observation(stamp_ns: int, found: dict[str, list[_Seen]]) -> Observation:
-    crossings = [(kind.value, seen) for kind in CrossingKind for seen in found.get(kind, [])]
-    landmarks = [(kind.value, seen) for kind in LandmarkKind for seen in found.get(kind, [])]
-    lines = found.get(LINE, [])
-    crossed, marked = [seen for _, seen in crossings], [seen for _, seen in landmarks]
+def _observation(stamp_ns: int, found: Mapping[str, list[_Seen]]) -> Observation:
+    crossings, landmarks = (_in_order(found, kinds) for kinds in (CrossingKind, LandmarkKind))
+    lines = _array(found.get(LINE, []))
+    ends = lines[:, :4].reshape(-1, 2)
     return Observation(
         stamp_ns,
         points=LinePoints(**_places(found.get(POINT, []))),
         lines=Lines(
-            *_ends(lines),
-            np.array([seen.confidence for seen in lines], dtype=np.float64),
+            ends.reshape(-1, 2, 2),
+            _covariances(ends, lines[:, 5:11].reshape(-1, 3)).reshape(-1, 2, 2, 2),
+            lines[:, 11].copy(),
             np.full((len(lines), 2, 2), np.nan),
         ),
         crossings=Crossings(
             kinds=np.array([kind for kind, _ in crossings], dtype=np.str_),
-            orientations_rad=np.array([seen.orientation_rad for seen in crossed], dtype=np.float64),
-            **_places(crossed),
+            orientations_rad=_array([seen for _, seen in crossings])[:, 4].copy(),
+            **_places([seen for _, seen in crossings]),
         ),
         landmarks=Landmarks(
             kinds=np.array([kind for kind, _ in landmarks], dtype=np.str_),
-            colors=tuple(seen.colors for seen in marked),
-            **_places(marked),
+            colors=tuple(seen.colors for _, seen in landmarks),
+            **_places([seen for _, seen in landmarks]),
         ),
         boundary=LinePoints(**_places(found.get(BOUNDARY, []))),
     )
 
 
+def _in_order(found: Mapping[str, list[_Seen]], kinds: Iterable[StrEnum]) -> list[tuple[str, _Seen]]:
+    return [(kind.value, seen) for kind in kinds for seen in found.get(kind, [])]
+
+
+def _array(seen: list[_Seen]) -> FloatArray:
+    return np.array([each.numbers for each in seen], dtype=np.float64).reshape(-1, len(_NUMBERS))
+
+
 def _places(seen: list[_Seen]) -> dict[str, FloatArray]:
     """positions_m: (N, 2); covariances_m2: (N, 2, 2); confidences: (N,); pixels: (N, 2), all NaN."""
-    positions = np.array([(each.x, each.y) for each in seen], dtype=np.float64).reshape(-1, 2)
+    rows = _array(seen)
+    positions = rows[:, :2].copy()
     return {
         "positions_m": positions,
-        "covariances_m2": _covariances(positions, [each.covariance for each in seen]),
-        "confidences": np.array([each.confidence for each in seen], dtype=np.float64),
+        "covariances_m2": _covariances(positions, rows[:, 5:8]),
+        "confidences": rows[:, 11].copy(),
         "pixels": np.full((len(seen), 2), np.nan),
     }
 
 
-def _ends(lines: list[_Seen]) -> tuple[FloatArray, FloatArray]:
-    """Ends (N, 2, 2) of lines, and their covariances (N, 2, 2, 2)."""
-    ends = np.array([(each.x, each.y, each.x2, each.y2) for each in lines], dtype=np.float64).reshape(-1, 2)
-    each_end = [covariance for each in lines for covariance in (each.covariance, each.covariance2)]
-    return ends.reshape(-1, 2, 2), _covariances(ends, each_end).reshape(-1, 2, 2, 2)
-
-
-def _covariances(positions_m: FloatArray, upper: list[tuple[float, float, float]]) -> FloatArray:
-    """(N, 2, 2) of xx, xy, yy of each; those of a usual camera where they are not known."""
-    rows = np.array(upper, dtype=np.float64).reshape(-1, 3)
-    known = rows[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+def _covariances(positions_m: FloatArray, upper: FloatArray) -> FloatArray:
+    """(N, 2, 2) of xx, xy, yy (N, 3); those of a usual camera where they are not known."""
+    known = upper[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
     missing = np.isnan(known)
     return np.where(missing, generic_covariances(positions_m), known) if missing.any() else known
 

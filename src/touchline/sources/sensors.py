@@ -140,12 +140,25 @@ def _ordered_part(
     """The first `count` rows of the block without those that break the order of the whole block."""
     stamps = to_stamps(block.values[:, 0])
     keep = increasing_rows(stamps, above)[:count]
-    report_disorder(table.name, block.values[:count, 0], block.lines, keep, log)
+    _report_disorder(table.name, block.values[:count, 0], block.lines, keep, log)
     if keep.any():
         yield Block(block.lines[:count][keep], block.values[:count][keep]), stamps[:count][keep]
 
 
-def report_disorder(
+def rows_in_order(
+    file: str, times_s: FloatArray, lines: npt.NDArray[np.int64], log: ProblemLog, outcome: str
+) -> tuple[StampArray, npt.NDArray[np.bool_]]:
+    """Stamps (n,) of all rows, and which of them are kept so that they increase; the others go to the log.
+
+    lines: their numbers in the file.
+    """
+    stamps = to_stamps(times_s)
+    keep = increasing_rows(stamps)
+    _report_disorder(file, times_s, lines, keep, log, outcome)
+    return stamps, keep
+
+
+def _report_disorder(
     file: str,
     times_s: FloatArray,
     lines: npt.NDArray[np.int64],
@@ -153,7 +166,6 @@ def report_disorder(
     log: ProblemLog,
     outcome: str = "; the row is left out",
 ) -> None:
-    """Tell of the rows (n,) that `increasing_rows` does not keep. lines: their numbers in the file."""
     for row in np.flatnonzero(~keep):
         what = f"the time {times_s[row]:.6g} s runs backwards or repeats{outcome}"
         log.add(ProblemKind.TIME_ORDER, file, what, line=int(lines[row]))

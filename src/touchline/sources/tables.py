@@ -60,6 +60,14 @@ class TableError(InputError):
         self.line = line
 
 
+class RowError(Exception):
+    """Why one row can't be used. kind: of the problem."""
+
+    def __init__(self, what: str, kind: ProblemKind = ProblemKind.BROKEN_ROW) -> None:
+        super().__init__(what)
+        self.kind = kind
+
+
 def open_table(path: Path, needed: Sequence[str]) -> Table:
     """Read the header; TableError if it can't be read or lacks a needed column."""
     try:
@@ -151,24 +159,27 @@ def parse_row(
     row: list[float] = []
     for name in names:
         cell = cells[table.columns[name]].strip()
-        value = to_number(cell)
-        if name in optional and (not cell or (value is not None and math.isnan(value))):
+        if name in optional and (not cell or math.isnan(to_number(cell) or 0.0)):
             row.append(math.nan)
             continue
-        if value is None:
-            what = f"column '{name}' reads {shown(cell)}, which is not a number; the row is left out"
-            log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
+        try:
+            row.append(read_cell(f"column '{name}'", cell, MAX_VALUE if row else MAX_TIME_S))
+        except RowError as error:
+            log.add(error.kind, table.name, f"{error}; the row is left out", line=line.number)
             return None
-        if not math.isfinite(value):
-            what = f"column '{name}' is {value}; the row is left out"
-            log.add(ProblemKind.NOT_A_NUMBER, table.name, what, line=line.number)
-            return None
-        if abs(value) >= (MAX_VALUE if row else MAX_TIME_S):
-            what = f"column '{name}' is {value:g}, beyond any measurement; the row is left out"
-            log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
-            return None
-        row.append(value)
     return row
+
+
+def read_cell(name: str, cell: str, limit: float = MAX_VALUE) -> float:
+    """The number of a cell, smaller than the limit. Raises RowError, which begins with the name, for anything else."""
+    value = to_number(cell)
+    if value is None:
+        raise RowError(f"{name} reads {shown(cell)}, which is not a number")
+    if not abs(value) < limit:
+        if math.isfinite(value):
+            raise RowError(f"{name} is {value:g}, beyond any measurement")
+        raise RowError(f"{name} is {value}, which is no measurement", ProblemKind.NOT_A_NUMBER)
+    return value
 
 
 def to_number(cell: str) -> float | None:

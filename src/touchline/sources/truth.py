@@ -12,9 +12,9 @@ from touchline.files.opened import text_lines
 from touchline.geometry import wrap_angles
 from touchline.messages import counted
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.sensors import increasing_rows, report_disorder
+from touchline.sources.sensors import rows_in_order
 from touchline.sources.source import Truth
-from touchline.sources.tables import MAX_TIME_S, StampArray, to_number, to_stamps
+from touchline.sources.tables import MAX_TIME_S, RowError, StampArray, read_cell
 from touchline.types import MAX_VALUE
 
 TRUTH = "ground_truth.tum"
@@ -28,14 +28,15 @@ def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth |
     """
     rows, lines = array("d"), array("q")
     for number, text in enumerate(text_lines(path, errors="replace"), start=1):
-        row = _pose_row(path.name, number, text, log)
-        if row is not None:
-            rows.extend(row)
+        if not text.strip() or text.startswith("#"):
+            continue
+        try:
+            rows.extend(_pose_row(text))
             lines.append(number)
+        except RowError as error:
+            log.add(error.kind, path.name, f"{error}; the pose is left out", line=number)
     table = np.array(rows).reshape(-1, 4)
-    stamps = to_stamps(table[:, 0])
-    keep = increasing_rows(stamps)
-    report_disorder(path.name, table[:, 0], np.array(lines), keep, log, "; the pose is left out")
+    stamps, keep = rows_in_order(path.name, table[:, 0], np.array(lines), log, "; the pose is left out")
     stamps, poses = stamps[keep], table[keep, 1:]
     if len(stamps) != len(image_stamps):
         what = f"holds {counted(len(stamps), 'usable pose')} for {counted(len(image_stamps), 'image')}"
@@ -49,30 +50,15 @@ def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth |
     return Truth(stamps, np.column_stack((poses[:, :2], wrap_angles(poses[:, 2])))) if len(stamps) else None
 
 
-def _pose_row(file: str, number: int, text: str, log: ProblemLog) -> tuple[float, float, float, float] | None:
-    """t, x, y, heading of one line; None for a comment, a blank line, or (reported) a broken one."""
-    if not text.strip() or text.startswith("#"):
-        return None
+def _pose_row(text: str) -> tuple[float, float, float, float]:
+    """t, x, y, heading of one line. Raises RowError for a broken one."""
     cells = text.split()
     if len(cells) != len(TUM_COLUMNS):
-        what = f"has {len(cells)} values, expected 8 ({' '.join(TUM_COLUMNS)}); the pose is left out"
-        log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
-        return None
-    values = []
-    for name, cell in zip(TUM_COLUMNS, cells, strict=True):
-        value = to_number(cell)
-        if value is None:
-            log.add(ProblemKind.BROKEN_ROW, file, f"{name} reads {cell[:30]!r}; the pose is left out", line=number)
-            return None
-        if not math.isfinite(value):
-            log.add(ProblemKind.NOT_A_NUMBER, file, f"{name} is {value}; the pose is left out", line=number)
-            return None
-        values.append(value)
-    time_s, x, y, _, qx, qy, qz, qw = values
-    if abs(time_s) >= MAX_TIME_S or max(map(abs, values[1:])) >= MAX_VALUE or math.hypot(qz, qw) < 1e-6:
-        what = "needs a time of a clock, metres and a rotation about z; the pose is left out"
-        log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
-        return None
+        raise RowError(f"has {len(cells)} values, expected 8 ({' '.join(TUM_COLUMNS)})")
+    limits = [MAX_TIME_S, *[MAX_VALUE] * 7]
+    time_s, x, y, _, qx, qy, qz, qw = map(read_cell, TUM_COLUMNS, cells, limits)
+    if math.hypot(qz, qw) < 1e-6:
+        raise RowError("needs a rotation about z")
     return time_s, x, y, heading_of(qx, qy, qz, qw)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain, islice
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,14 +19,11 @@ def first_rows(table: Table, names: tuple[str, ...], count: int = HEAD_ROWS) -> 
     """(N, k) the numbers of a table's first rows as they stand there, of any size; NaN where a cell is no number."""
     wanted = [table.columns[name] for name in names]
     rows: list[list[float]] = []
-    for lines in read_lines(table):
-        for line in lines:
-            cells = line.text.split(",")
-            numbers = (to_number(cells[at].strip()) if at < len(cells) else None for at in wanted)
-            rows.append([np.nan if number is None else number for number in numbers])
-        if len(rows) >= count:
-            break
-    return np.array(rows[:count], dtype=np.float64).reshape(-1, len(names))
+    for line in islice(chain.from_iterable(read_lines(table)), count):
+        cells = line.text.split(",")
+        numbers = (to_number(cells[at].strip()) if at < len(cells) else None for at in wanted)
+        rows.append([np.nan if number is None else number for number in numbers])
+    return np.array(rows, dtype=np.float64).reshape(-1, len(names))
 
 
 def time_unit(times: npt.ArrayLike, shortest_s: float, longest_s: float) -> str | None:
