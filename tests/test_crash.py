@@ -150,7 +150,7 @@ def test_a_row_that_the_disk_does_not_take_leaves_those_before_whole(tmp_path: P
     assert str(tally.failure) == said
     assert (tmp_path / "estimates.csv").read_bytes().endswith(b"\n")
     table = Run(tmp_path).estimates
-    assert len(table) == tally.frames == 12
+    assert len(table) == tally.frames == 11
 
 
 @pytest.mark.parametrize("size", [300, 1500, 2500, 30_000])

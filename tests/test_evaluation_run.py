@@ -14,14 +14,14 @@ from fakes import STEP_NS, FakeSource, FakeSystem, true_pose, true_samples
 
 from touchline.errors import InputError
 from touchline.evaluation import Run, evaluate, read_tum, write_tum
-from touchline.evaluation.estimates import COLUMNS, PROBABILITIES, csv_row, read_estimates
+from touchline.evaluation.estimates import COLUMNS, csv_row, header, read_estimates
 from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
-from touchline.evaluation.runner import RunTally, run_frames
+from touchline.evaluation.runner import RunTally, run_frames, said_text
 from touchline.geometry import Pose
 from touchline.types import Estimate, Frame, Hypothesis, Status
 
-HEADER = ",".join((*COLUMNS, *PROBABILITIES))
+HEADER = header(None).strip()
 
 
 def run_into(folder: Path, source: FakeSource, system: FakeSystem | None = None) -> RunTally:
@@ -39,6 +39,35 @@ def test_every_image_has_one_line_in_both_files(tmp_path: Path) -> None:
     assert tally.frames == len(trajectory) == len(table) == 9
     assert np.array_equal(trajectory.stamp_ns, table.trajectory.stamp_ns)
     np.testing.assert_allclose(trajectory.values, table.trajectory.values, atol=2e-6)
+
+
+def test_estimates_csv_holds_bounds_statistics_and_reasons(tmp_path: Path) -> None:
+    plain = Estimate(0, true_pose(0), np.eye(3), Status.SEARCHING, reason='"found", not yet confirmed')
+    bounded = replace(
+        plain, stamp_ns=1, status=Status.TRACKING, reason="", protection_m=0.0612, protection_rad=0.0203,
+        end_probability=0.99, statistics={"motion": 0.125, "share": 1.5},
+    )  # fmt: skip
+    path = tmp_path / "estimates.csv"
+    path.write_text(HEADER + "\n" + "".join(csv_row(one) for one in (plain, bounded, replace(plain, stamp_ns=2))))
+    table = read_estimates(path)
+    for column, value in (("protection_m", 0.0612), ("protection_rad", 0.0203), ("end_probability", 0.99)):
+        np.testing.assert_allclose(getattr(table, column), [np.nan, value, np.nan], rtol=1e-6)
+    for name, value in (("motion", 0.125), ("share", 1.5)):
+        np.testing.assert_allclose(table.statistics[name], [np.nan, value, np.nan])
+    assert [table.reasons[k] for k in table.reason] == ['"found", not yet confirmed', "", '"found", not yet confirmed']
+
+
+@pytest.mark.parametrize("more", ["", "mode", "probability,twin_probability", "mode,probability,twin_probability"])
+def test_estimates_of_older_versions_are_read(tmp_path: Path, more: str) -> None:
+    values = {"mode": "odometry", "probability": "0.5", "twin_probability": "0.25"}
+    cells = [values[name] for name in more.split(",") if name]
+    row = ["1.5", "1", "2", "3", "4", "0", "0", "9", "0", "1", "tracking", "0.1", "7", "1", "2", *cells]
+    (tmp_path / "e.csv").write_text(",".join((*COLUMNS, *filter(None, [more]))) + "\n" + ",".join(row) + "\n")
+    table = read_estimates(tmp_path / "e.csv")
+    assert table.has_modes == ("mode" in more)
+    np.testing.assert_allclose(table.std[0], [2.0, 3.0, 1.0])
+    assert table.probability[0] == pytest.approx(0.5 if "probability" in more else math.nan, nan_ok=True)
+    assert (np.isnan(table.protection_m).all(), table.statistics, table.reasons) == (True, {}, ("",))
 
 
 def test_estimates_csv_holds_all_that_the_estimate_said(tmp_path: Path) -> None:
@@ -76,7 +105,7 @@ def test_a_residual_without_points_is_empty_and_read_as_nan(tmp_path: Path) -> N
     ("change", "said"),
     [
         (lambda rows: ["t,x,y", *rows[1:]], "line 1: expected the header"),
-        (lambda rows: [*rows[:2], "1,2,3", *rows[3:]], "line 3: expected 17 values, found 3"),
+        (lambda rows: [*rows[:2], "1,2,3", *rows[3:]], "line 3: expected 22 values, found 3"),
         (lambda rows: [*rows[:2], rows[2].replace("tracking", "dreaming")], "line 3: 'dreaming'"),
         (lambda rows: [*rows, rows[1]], "line 4: the time does not increase"),
         (lambda rows: [*rows[:2], rows[2].replace(rows[2].split(",")[1], "north")], "line 3: could not convert"),
@@ -153,6 +182,21 @@ def test_what_a_system_says_is_kept_once(tmp_path: Path) -> None:
     said = run_into(tmp_path / "run", FakeSource(5), Talking(np.random.default_rng(0))).summary()["said"]
     assert [one["what"] for one in said] == ["undecided", "the wheels slip"]
     assert said[1]["t"] > said[0]["t"]
+    assert [one["images"] for one in said] == [5, 1]
+    assert said_text(said[1]) == f"{said[1]['t']:.2f} s: the wheels slip"
+    assert said_text(said[0]).endswith(f" to {said[0]['until']:.2f} s (5 images): undecided")
+
+
+def test_a_phrase_that_comes_again_later_is_another_stretch() -> None:
+    tally, frame = RunTally(), Frame(0)
+    for stamp_s in (0.0, 0.1, 0.2, 5.0, 5.1):
+        what = f"the image has not changed for {stamp_s} s"
+        estimate = Estimate(round(1e9 * stamp_s), true_pose(0), np.eye(3), Status.SEARCHING, problems=(what,))
+        tally.add(replace(frame, stamp_ns=estimate.stamp_ns), estimate, False)
+    assert [(one.what[-5:], one.first_ns, one.last_ns, one.images) for one in tally.said] == [
+        ("0.2 s", 0, 200_000_000, 3),
+        ("5.1 s", 5_000_000_000, 5_100_000_000, 2),
+    ]
 
 
 def test_every_latency_leaves_out_the_first_ten_images(tmp_path: Path) -> None:

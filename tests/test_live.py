@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,12 @@ def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     np.testing.assert_allclose(said["map_from_odom"], [2.0, 0.0, np.pi / 2], atol=1e-12)
     assert said["covariance"] == np.eye(3).ravel().tolist()
     assert (said["residual_m"], said["dropped"], said["image"]) == (None, 2, True)
+    assert (said["stamp_ns"], said["protection_m"], said["reason"], said["mode"]) == (9, None, "", "")
+    sure = replace(estimate, protection_m=0.06, protection_rad=0.02, end_probability=1.0, statistics={"motion": 0.5})
+    said = json.loads(told_datagram(Told(sure)))
+    assert [said[name] for name in ("protection_m", "protection_rad", "end_probability")] == [0.06, 0.02, 1.0]
+    assert said["statistics"] == {"motion": 0.5}
+    assert json.loads(told_datagram(Told(sure.unconfirmed("too far"))))["reason"] == "too far"
 
 
 # --- the loop ---------------------------------------------------------------------------------------------------------

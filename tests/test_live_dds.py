@@ -7,6 +7,7 @@ import os
 import random
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +127,7 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
     }
     readers = {name: other.reader(name, kind, RELIABLE) for name, kind in kinds.items()}
     estimate = Estimate(7_000_000_000, Pose(2.0, 1.0, 0.5), np.diag([0.01, 0.02, 0.03]), Status.TRACKING, points=88)
+    estimate = replace(estimate, protection_m=0.06, statistics={"motion": 0.25}, reason="a twin", problems=("slips",))
     found: dict[str, Any] = {}
 
     def told() -> bool:
@@ -143,7 +145,10 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
     assert (moved.header.frame_id, moved.child_frame_id) == ("map", "odom")
     assert (moved.transform.translation.x, moved.transform.translation.y) == (1.0, 1.0)
     (status,) = found["/diagnostics"].status
-    assert (status.level, {pair.key: pair.value for pair in status.values}["points"]) == (0, "88")
+    values = {pair.key: pair.value for pair in status.values}
+    assert (status.level, status.message) == (0, "tracking: a twin; slips")
+    assert [values[key] for key in ("points", "protection_m", "motion")] == ["88", "0.06", "0.25"]
+    assert "protection_rad" not in values
     link.close()
     other.close()
 

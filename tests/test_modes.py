@@ -10,13 +10,16 @@ import pytest
 
 from touchline.cli import main
 from touchline.errors import InputError
-from touchline.evaluation.estimates import HEADER, read_estimates
+from touchline.evaluation.estimates import COLUMNS, HEADER, read_estimates
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder
 from touchline.geometry import Pose
 from touchline.types import Estimate, Mode, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+
+
+ALWAYS = "probability,twin_probability,end_probability,protection_m,protection_rad,statistics,reason"
 
 
 def estimate(index: int, mode: Mode | None) -> Estimate:
@@ -35,8 +38,8 @@ def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -
     modes: list[Mode | None] = [Mode.OMNIVISION, Mode.BOTH, Mode.ODOMETRY]
     path = written(tmp_path / "run", modes)
     lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines[0] == HEADER + ",mode,probability,twin_probability"
-    assert [line.split(",")[-3] for line in lines[1:]] == ["omnivision", "omnivision+odometry", "odometry"]
+    assert lines[0] == f"{HEADER},mode,{ALWAYS}"
+    assert [line.split(",")[len(COLUMNS)] for line in lines[1:]] == ["omnivision", "omnivision+odometry", "odometry"]
     table = read_estimates(path)
     assert table.has_modes
     assert [tuple(Mode)[k] for k in table.mode] == modes
@@ -45,7 +48,7 @@ def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -
 def test_systems_without_modes_and_runs_without_frames_have_the_columns_of_always(tmp_path: Path) -> None:
     for name, modes in (("plain", [None, None]), ("empty", [])):
         path = written(tmp_path / name, list(modes))
-        assert path.read_text(encoding="utf-8").splitlines()[0] == HEADER + ",probability,twin_probability"
+        assert path.read_text(encoding="utf-8").splitlines()[0] == f"{HEADER},{ALWAYS}"
         assert not read_estimates(path).has_modes
 
 

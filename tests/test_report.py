@@ -249,7 +249,8 @@ def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> Ru
     moved = Samples(truth.stamp_ns, truth.values + np.arange(frames)[:, np.newaxis] * [1.0, 0.0, 0.0])
     modes = np.full(frames, -1, dtype=np.int8)
     std = np.ones((frames, 3), np.float32)
-    table = EstimateTable(moved, std, status, floats, counts, floats, floats, modes, floats, floats)
+    numbers = (moved, std, status, floats, counts, floats, floats, modes, *[floats] * 5)
+    table = EstimateTable(*numbers, {}, np.zeros(frames, dtype=np.int32), ("",))
     return RunData(table, open_field("msl-18x12"), truth, signed_errors(moved, truth), black_ns)
 
 

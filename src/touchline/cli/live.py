@@ -276,7 +276,7 @@ class _Shown:
         self._last_s = now_s
         x, y, heading = estimate.pose
         say(
-            f"{estimate.status}: x {x:.2f} m, y {y:.2f} m, {math.degrees(heading):.0f}°, "
+            f"{estimate.status_text()}: x {x:.2f} m, y {y:.2f} m, {math.degrees(heading):.0f}°, "
             f"{1e3 * told.after_s:.1f} ms after the image came, {told.dropped} dropped"
         )
 

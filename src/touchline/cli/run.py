@@ -215,6 +215,7 @@ def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bo
 def print_run(finished: Run) -> None:
     """The error table, rates, problems and where the report is."""
     from touchline.evaluation.report import other_side_text
+    from touchline.evaluation.runner import said_text
 
     summary = finished.summary
     if finished.errors is not None:
@@ -228,7 +229,7 @@ def print_run(finished: Run) -> None:
     doubts = [other] if (other := other_side_text(summary)) else []
     if summary["status"]["tracking"] and (why := summary["why_not_localised"]):
         doubts.append(f"most images show nothing: {why}")
-    doubts += [f"{one['t']:.2f} s: {one['what']}" for one in summary["said"][:_MAX_SAID]]
+    doubts += [said_text(one) for one in summary["said"][:_MAX_SAID]]
     if problems := summary["problems"]["counts"]:
         kinds = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
         doubts.append(f"problems of the recording: {kinds} (touchline check lists them)")

@@ -1,14 +1,17 @@
 """estimates.csv of a run: one row per image, everything an estimate says but its other hypotheses.
 
-Systems that fuse sensors by modes have one more column, `mode`. At the end stand the probability of the pose and that
-of its twin at the other end of the field, empty where the system estimates none.
+Systems that fuse sensors by modes have one more column, `mode`. Behind it stand the probability of the pose and that of
+its twin at the other end of the field; then the end's probability, the protection levels, the consistency statistics as
+`name=value;name=value` and the reason of the status. Empty is what the system estimates none of; runs of older versions
+lack columns.
 """
 
 from __future__ import annotations
 
 import csv
 from array import array
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,11 @@ from touchline.types import Estimate, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
 COLUMNS = tuple(HEADER.split(","))
-PROBABILITIES = ("probability", "twin_probability")  # which runs of older versions don't have
+PROBABILITIES = ("probability", "twin_probability", "end_probability")
+PROTECTION = ("protection_m", "protection_rad")
+_ESTIMATED = (*PROBABILITIES, *PROTECTION)  # numbers that a system need not give
+_OPTIONAL = ("mode", *_ESTIMATED, "statistics", "reason")
+_MEASURED = ("residual_m", "perception_ms", "localization_ms")
 _STATUSES, _MODES = tuple(Status), tuple(Mode)
 _NO_MODE = -1
 
@@ -36,7 +43,9 @@ class EstimateTable:
     trajectory: stamps (N,) and x, y, heading (N, 3) in (m, m, rad). std: (N, 3) standard deviations (m, m, rad).
     status: (N,) index in `tuple(Status)`. residual_m: (N,), NaN without points. points: (N,).
     perception_ms, localization_ms: (N,). mode: (N,) index in `tuple(Mode)`, -1 of systems without modes.
-    probability, twin_probability: (N,) of the pose and of its twin, NaN where unknown.
+    probability, twin_probability, end_probability: (N,) of the pose, of its twin, of its end of the field;
+    protection_m, protection_rad: (N,); statistics: (N,) each. NaN where there is none. reasons: those of the statuses,
+    "" first; reason: (N,) index in them.
     """
 
     trajectory: Samples
@@ -49,6 +58,12 @@ class EstimateTable:
     mode: npt.NDArray[np.int8]
     probability: npt.NDArray[np.float32]
     twin_probability: npt.NDArray[np.float32]
+    end_probability: npt.NDArray[np.float32]
+    protection_m: npt.NDArray[np.float32]
+    protection_rad: npt.NDArray[np.float32]
+    statistics: Mapping[str, npt.NDArray[np.float32]]
+    reason: npt.NDArray[np.int32]
+    reasons: Sequence[str]
 
     def __len__(self) -> int:
         return len(self.trajectory)
@@ -66,12 +81,12 @@ class EstimateTable:
 
 def header(estimate: Estimate | None) -> str:
     """The header line for a run whose first estimate this is; None: of a run without any."""
-    mode = ("mode",) if estimate is not None and estimate.mode is not None else ()
-    return ",".join((*COLUMNS, *mode, *PROBABILITIES)) + "\n"
+    has_mode = estimate is not None and estimate.mode is not None
+    return ",".join((*COLUMNS, *_OPTIONAL[0 if has_mode else 1 :])) + "\n"
 
 
 def csv_row(estimate: Estimate) -> str:
-    """One line of estimates.csv; a residual without points stays empty."""
+    """One line of estimates.csv; what there is none of stays empty."""
     covariance: FloatArray = estimate.covariance
     upper = (covariance[i, j] for i in range(3) for j in range(i, 3))
     fields = [
@@ -86,48 +101,66 @@ def csv_row(estimate: Estimate) -> str:
     ]
     if estimate.mode is not None:
         fields.append(estimate.mode.value)
-    fields += ["" if one is None else fixed(one, 4) for one in (estimate.probability, estimate.twin_probability)]
+    estimated = (getattr(estimate, name) for name in _ESTIMATED)
+    fields += ["" if one is None else fixed(one, 4) for one in estimated]
+    fields.append(";".join(f"{name}={value:.4g}" for name, value in estimate.statistics.items()))
+    fields.append(_quoted(estimate.reason))
     return ",".join(fields) + "\n"
 
 
+def _quoted(text: str) -> str:
+    """A cell of words: in quotes where a comma or a quote stands in it."""
+    return '"' + text.replace('"', '""') + '"' if {",", '"'} & set(text) else text
+
+
 def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
-    """Read a whole estimates.csv (about 70 bytes of memory per row).
+    """Read a whole estimates.csv (about 90 bytes of memory per row, and 4 for each statistic).
 
     cut: the run may have been cut off within a row, so a last line without its end is left out.
     Raises InputError that names file and line.
     """
-    stamps, numbers, statuses, modes = array("q"), array("d"), array("b"), array("b")
-    details, points = array("f"), array("i")
-    for number, row, columns in _rows(path, cut):
+    stamps, poses, points, reason = array("q"), array("d"), array("i"), array("i")
+    statuses, modes, std = array("b"), array("b"), array("f")
+    numbers = {name: array("f") for name in (*_MEASURED, *_ESTIMATED)}
+    statistics: defaultdict[str, array[float]] = defaultdict(lambda: array("f", [np.nan]) * (len(stamps) - 1))
+    reasons = {"": 0}
+    for number, row, column in _rows(path, cut):
         try:
             stamps.append(stamp_from_text(row[0]))
-            numbers.extend(float(text) for text in row[1:4])
+            poses.extend(float(text) for text in row[1:4])
+            std.extend(float(row[variance]) ** 0.5 for variance in (4, 7, 9))
             statuses.append(_STATUSES.index(Status(row[10])))
-            details.extend(float(row[column]) ** 0.5 for column in (4, 7, 9))
-            told = row[-2:] if columns[-2:] == PROBABILITIES else ("", "")
-            details.extend(float(text or "nan") for text in (row[11], row[13], row[14], *told))
             points.append(int(row[12]))
-            modes.append(_MODES.index(Mode(row[15])) if "mode" in columns else _NO_MODE)
+            modes.append(_MODES.index(Mode(row[column["mode"]])) if "mode" in column else _NO_MODE)
+            for name, values in numbers.items():
+                values.append(float(row[column[name]] or "nan") if name in column else np.nan)
+            for name, value in statistics_of(row[column["statistics"]] if "statistics" in column else "").items():
+                statistics[name].append(float(value))
+            reason.append(reasons.setdefault(row[column["reason"]] if "reason" in column else "", len(reasons)))
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, line {number}: {error}") from None
         except OverflowError:
             raise InputError(f"{path}, line {number}: a number of points this large cannot be") from None
         if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
             raise InputError(f"{path}, line {number}: the time does not increase")
-    more = _as_numpy(details).reshape(-1, 8)
-    poses = _as_numpy(numbers).reshape(-1, 3)
+        for values in statistics.values():
+            values.extend([np.nan] * (len(stamps) - len(values)))
     return EstimateTable(
-        trajectory=Samples(_as_numpy(stamps), poses),
-        std=more[:, :3],
+        trajectory=Samples(_as_numpy(stamps), _as_numpy(poses).reshape(-1, 3)),
+        std=_as_numpy(std).reshape(-1, 3),
         status=_as_numpy(statuses),
-        residual_m=more[:, 3],
         points=_as_numpy(points),
-        perception_ms=more[:, 4],
-        localization_ms=more[:, 5],
         mode=_as_numpy(modes),
-        probability=more[:, 6],
-        twin_probability=more[:, 7],
+        statistics={name: _as_numpy(values) for name, values in statistics.items()},
+        reason=_as_numpy(reason),
+        reasons=tuple(reasons),
+        **{name: _as_numpy(values) for name, values in numbers.items()},
     )
+
+
+def statistics_of(text: str) -> dict[str, str]:
+    """The values of a cell of statistics by name."""
+    return {name: value for name, _, value in (part.partition("=") for part in text.split(";"))} if text else {}
 
 
 def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:
@@ -135,18 +168,18 @@ def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:
     return np.frombuffer(values, dtype=values.typecode) if len(values) else np.zeros(0, dtype=values.typecode)
 
 
-def _rows(path: Path, cut: bool) -> Iterator[tuple[int, list[str], tuple[str, ...]]]:
-    """Line, values and columns of each row."""
+def _rows(path: Path, cut: bool) -> Iterator[tuple[int, list[str], dict[str, int]]]:
+    """Line, values and place of each column."""
     lines = text_lines(path, newline="")
     reader = csv.reader((line for line in lines if line.endswith("\n")) if cut else lines)
     try:
-        columns = tuple(next(reader, COLUMNS if cut else ()))
-        more = columns[len(COLUMNS) :]
-        if columns[: len(COLUMNS)] != COLUMNS or more not in ((), ("mode",), PROBABILITIES, ("mode", *PROBABILITIES)):
-            raise InputError(f"{path}, line 1: expected the header {HEADER},{','.join(PROBABILITIES)}")
+        columns = next(reader, COLUMNS if cut else ())
+        places = {name: place for place, name in enumerate(columns)}
+        if tuple(columns) != (*COLUMNS, *(name for name in _OPTIONAL if name in places)):
+            raise InputError(f"{path}, line 1: expected the header {HEADER},{','.join(_OPTIONAL[1:])}")
         for row in reader:
             if len(row) != len(columns):
                 raise InputError(f"{path}, line {reader.line_num}: expected {len(columns)} values, found {len(row)}")
-            yield reader.line_num, row, columns
+            yield reader.line_num, row, places
     except csv.Error:
         raise InputError(f"{path}: is not a CSV file") from None

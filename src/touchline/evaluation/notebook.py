@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from touchline.errors import InputError
-from touchline.evaluation.estimates import PROBABILITIES
+from touchline.evaluation.estimates import PROBABILITIES, PROTECTION
 from touchline.evaluation.metrics import signed_errors
 from touchline.field import FieldModel
 from touchline.field.drawing import Color, draw_field, field_view
@@ -86,7 +86,10 @@ def run_frame(run: Run) -> Any:
     if table.has_modes:
         columns["mode"] = [tuple(Mode)[number].value for number in table.mode]
     columns |= {name: getattr(table, name) for name in ("residual_m", "points", "perception_ms", "localization_ms")}
-    columns |= {name: getattr(table, name) for name in PROBABILITIES if not np.isnan(getattr(table, name)).all()}
+    estimated = {name: getattr(table, name) for name in (*PROBABILITIES, *PROTECTION)} | dict(table.statistics)
+    columns |= {name: values for name, values in estimated.items() if not np.isnan(values).all()}
+    if any(table.reasons):
+        columns["reason"] = np.array(table.reasons)[table.reason]
     if (truth := _known_truth(run)) is not None:
         errors = signed_errors(table.trajectory, truth)
         for column, name in enumerate(("error_x_m", "error_y_m", "error_heading_rad")):

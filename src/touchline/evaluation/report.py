@@ -18,7 +18,7 @@ from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
-from touchline.evaluation.runner import Thumbnail
+from touchline.evaluation.runner import Thumbnail, said_text
 from touchline.evaluation.timeline import (
     MODE_COLORS,
     dot_colors,
@@ -292,7 +292,7 @@ def _said(summary: dict[str, Any]) -> str:
     """What the system said while it ran; nothing where it said nothing."""
     if not summary["said"]:
         return ""
-    lines = "".join(f"<li>{one['t']:.2f} s: {html.escape(one['what'])}</li>" for one in summary["said"])
+    lines = "".join(f"<li>{html.escape(said_text(one))}</li>" for one in summary["said"])
     return f"<section><h2>What the system said</h2><ol class='small'>{lines}</ol></section>"
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable
 
 import numpy as np
 
+from touchline.evaluation.estimates import PROBABILITIES, PROTECTION, statistics_of
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import ESTIMATES
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angles
@@ -21,7 +23,16 @@ from touchline.types import Samples, Status
 POSE_TOPIC = "/touchline/pose"
 _LEVELS = {Status.TRACKING: 0, Status.SEARCHING: 1, Status.LOST: 2}
 _UPPER = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
-_REASONS = ("residual_m", "points", "perception_ms", "localization_ms", "mode")
+_VALUES = (
+    "residual_m",
+    "points",
+    "mode",
+    *PROBABILITIES,
+    *PROTECTION,
+    "statistics",
+    "perception_ms",
+    "localization_ms",
+)
 _REACH_NS = 200_000_000  # an odometry sample farther away tells nothing of an image
 
 
@@ -43,7 +54,7 @@ def write_results(run: Run, writer: BagWriter, codec: Codec, on_image: Callable[
         if rows.header:
             columns = rows.cells
             continue
-        cells = dict(zip(columns, rows.cells, strict=False))
+        cells = dict(zip(columns, next(csv.reader([rows.text])), strict=False))
         stamp_ns, pose = rows.stamp_ns + epoch, _pose(cells)
         if pose is None:
             continue
@@ -55,8 +66,9 @@ def write_results(run: Run, writer: BagWriter, codec: Codec, on_image: Callable[
         write("/tf", "tf2_msgs/msg/TFMessage", stamp_ns, make.transform(stamp_ns, MAP, child, moved))
         status = cells.get("status", "")
         level = _LEVELS.get(Status(status), 2) if status in tuple(Status) else 2
-        reasons = {name: cells[name] for name in _REASONS if cells.get(name)}
-        diagnostics = make.diagnostics(stamp_ns, level, status, reasons)
+        values = {name: cells[name] for name in _VALUES if cells.get(name)} | statistics_of(cells.get("statistics", ""))
+        message = ": ".join(filter(None, (status, cells.get("reason"))))
+        diagnostics = make.diagnostics(stamp_ns, level, message, values)
         write("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", stamp_ns, diagnostics)
         if on_image is not None:
             on_image()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -12,6 +12,7 @@ from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose
+from touchline.messages import counted, without_numbers
 from touchline.motion import FrameOrder, LeanFilter
 from touchline.motion.compass import COMPASS_FALSE
 from touchline.perception.covered import is_covered
@@ -23,6 +24,7 @@ from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
 _MAX_PICTURES, _MAX_THUMBNAILS = 6, 100
 _MAX_SAID = 50  # phrases of a system that are kept
+_SAID_AGAIN_NS = 1_000_000_000  # later than this a phrase begins a new stretch
 
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
@@ -71,12 +73,32 @@ class KeptFrame:
 
 
 @dataclass(eq=False, slots=True)
+class Said:
+    """A phrase of the system in successive images, as last said: its first and last stamp, and in how many images."""
+
+    what: str
+    first_ns: int
+    last_ns: int
+    images: int = 1
+
+    def as_dict(self) -> dict[str, Any]:
+        """For summary.json, in seconds."""
+        return {"t": self.first_ns / 1e9, "until": self.last_ns / 1e9, "images": self.images, "what": self.what}
+
+
+def said_text(one: Mapping[str, Any]) -> str:
+    """What summary.json holds of a phrase, in words."""
+    many = f" to {one['until']:.2f} s ({counted(one['images'], 'image')})" if one.get("images", 1) > 1 else " s"
+    return f"{one['t']:.2f}{many}: {one['what']}"
+
+
+@dataclass(eq=False, slots=True)
 class RunTally:
     """What is known of a run until now. ended: complete, interrupted, failed, or unfinished while it goes on.
 
     unseen: why nothing was seen in images, and in how many.
     either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose,
-    other_probability: its, where the system tells one. said: what the system said, each phrase once, and when (ns).
+    other_probability: its, where the system tells one. said: what the system said, and when.
     """
 
     ended: str = UNFINISHED
@@ -97,7 +119,7 @@ class RunTally:
     either_side: int = 0
     other_side: Pose | None = None
     other_probability: float | None = None
-    said: dict[str, int] = field(default_factory=dict)
+    said: list[Said] = field(default_factory=list)
     times: FrameTimes = field(default_factory=FrameTimes)
     pictures: FramePicker | None = None
 
@@ -121,9 +143,18 @@ class RunTally:
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
             self.other_probability = estimate.twin_probability
         for phrase in estimate.problems:
-            if len(self.said) < _MAX_SAID:
-                self.said.setdefault(phrase, estimate.stamp_ns)
+            self._hear(phrase, estimate.stamp_ns)
         self.times.add(estimate.perception_ms, estimate.localization_ms)
+
+    def _hear(self, phrase: str, stamp_ns: int) -> None:
+        """A phrase that differs from an earlier one in its numbers only goes on."""
+        alike = without_numbers(phrase)
+        last = next((one for one in reversed(self.said) if without_numbers(one.what) == alike), None)
+        full = len(self.said) >= _MAX_SAID
+        if last is not None and (full or stamp_ns - last.last_ns <= _SAID_AGAIN_NS):
+            last.what, last.last_ns, last.images = phrase, max(stamp_ns, last.last_ns), last.images + 1
+        elif not full:
+            self.said.append(Said(phrase, stamp_ns, stamp_ns))
 
     def summary(self) -> dict[str, Any]:
         """Counts, rates and latencies for summary.json."""
@@ -147,7 +178,7 @@ class RunTally:
                 "other_pose": None if self.other_side is None else list(self.other_side),
                 "probability": self.other_probability,
             },
-            "said": [{"t": stamp_ns / 1e9, "what": phrase} for phrase, stamp_ns in self.said.items()],
+            "said": [one.as_dict() for one in self.said],
             "latency_ms": self.times.summary(),
         }
 

@@ -14,8 +14,9 @@ To Touchline (stamps in ns of the robot's clock; m, rad; the robot's or the fiel
 From Touchline:
 
     {"kind": "pose", "stamp_ns": 1, "x": 0, "y": 0, "theta": 0, "covariance": [9 numbers], "status": "tracking",
-     "image": true, "map_from_odom": [x, y, theta] or null, "probability": 1 or null, "residual_m": 0.01 or null,
-     "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003,
+     "reason": "", "protection_m": 0.06 or null, "protection_rad": 0.02 or null, "statistics": {"motion": 0.1},
+     "image": true, "map_from_odom": [x, y, theta] or null, "probability": 1 or null, "end_probability": 1 or null,
+     "residual_m": 0.01 or null, "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003,
      "perception_ms": 2.1, "localization_ms": 0.5}
 
 An image of more than PART_BYTES comes in parts, numbered from 0, in any order.
@@ -24,7 +25,6 @@ An image of more than PART_BYTES comes in parts, numbered from 0, in any order.
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -43,6 +43,10 @@ MAX_PARTS = 200
 MAX_BYTES = 65_000  # of a datagram
 _MAX_WAITING = 4  # images of which parts are missing
 _MAX_STAMP_NS = 2**62
+_AS_ESTIMATED = (
+    *("stamp_ns", "status", "reason", "protection_m", "protection_rad", "statistics", "probability"),
+    *("end_probability", "residual_m", "points", "problems", "perception_ms", "localization_ms"),
+)
 
 
 class Datagrams:
@@ -136,26 +140,19 @@ def told_datagram(told: Told) -> bytes:
     """The datagram of an estimate."""
     e = told.estimate
     covariance = np.asarray(e.covariance).ravel()
-    said = {
-        "kind": "pose",
-        "stamp_ns": e.stamp_ns,
-        **dict(zip(("x", "y", "theta"), e.pose, strict=True)),
-        "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,
-        "status": str(e.status),
-        "image": told.image,
-        "map_from_odom": None if told.map_from_odom is None else list(told.map_from_odom),
-        "probability": e.probability,
-        "residual_m": e.residual_m,
-        "points": e.points,
-        "mode": "" if e.mode is None else str(e.mode),
-        "problems": list(e.problems),
-        "dropped": told.dropped,
-        "after_s": round(told.after_s, 6),
-        "perception_ms": e.perception_ms,
-        "localization_ms": e.localization_ms,
-    }
+    tree = e.to_dict()
     return _line(
-        {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in said.items()}
+        {
+            "kind": "pose",
+            **dict(zip(("x", "y", "theta"), e.pose, strict=True)),
+            "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,
+            "image": told.image,
+            "map_from_odom": None if told.map_from_odom is None else list(told.map_from_odom),
+            "mode": tree["mode"] or "",
+            "dropped": told.dropped,
+            "after_s": round(told.after_s, 6),
+            **{name: tree[name] for name in _AS_ESTIMATED},
+        }
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from touchline.evaluation.estimates import PROBABILITIES, PROTECTION
 from touchline.geometry import Pose3
 from touchline.live.datagrams import reading_datagram, seen_datagram
 from touchline.live.heard import Picture, Reading, Told
@@ -77,7 +78,7 @@ class RosWriter:
             yield Outgoing("/tf", TF_TYPE, self._make.transform(stamp_ns, MAP, child, moved))
         if told.image:
             values = _reasons(told)
-            message = "; ".join([str(e.status), *e.problems])
+            message = "; ".join([": ".join(filter(None, (e.status.value, e.reason))), *e.problems])
             diagnostics = self._make.diagnostics(stamp_ns, _LEVELS[e.status], message, values)
             yield Outgoing(DIAGNOSTICS, DIAGNOSTICS_TYPE, diagnostics)
 
@@ -134,7 +135,8 @@ def _reasons(told: Told) -> dict[str, str]:
     values = {
         "residual_m": e.residual_m,
         "points": e.points,
-        "probability": e.probability,
+        **{name: getattr(e, name) for name in (*PROBABILITIES, *PROTECTION)},
+        **{name: f"{value:.4g}" for name, value in e.statistics.items()},
         "mode": e.mode,
         "dropped images": told.dropped,
         "after_s": round(told.after_s, 4),
