@@ -1,4 +1,4 @@
-"""Photographs of a real field, where they are found: their lines are found, a white goal is none."""
+"""Photographs of a real field, where they are found: their lines are found, a white goal is none, poses are right."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ def labelled_lines_are_found_and_a_white_goal_is_none() -> None:
     assert np.median(scores.angles_deg) <= 3.0
     assert 0.5 <= np.median(scores.gaps_m) <= 0.65
     assert len(scores.goal_frames) <= 1
+    assert scores.refused == 0
+    assert sum(off_m < 0.15 for off_m in (*scores.sure_m, *scores.doubted_m)) >= 5
+    assert max(scores.sure_m) < 0.25
 
 
 if PHOTOGRAPHS:  # they are GPL and none of the project's

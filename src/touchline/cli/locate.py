@@ -57,6 +57,7 @@ def locate(
     """Find the pose from one set of line points, with every other pose that explains them as well.
 
     Points are in the robot's frame: x forward, y left, metres. Points that fit no pose are refused (exit status 1).
+    Of an image crossings, goal posts and marks count, too.
     """
     if source.is_dir():
         raise InputError(
@@ -146,7 +147,7 @@ def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
     from touchline.localization.one_shot.advice import better_fits
-    from touchline.localization.one_shot.locate import PoorFitError, locate_points
+    from touchline.localization.one_shot.locate import PoorFitError, locate, locate_points
     from touchline.localization.one_shot.scale import fit_scale
 
     points, scale = seen.points, None
@@ -155,7 +156,10 @@ def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: b
         if with_scale:
             scale = fit_scale(points, field, heading)
             points = scale.factor * points
-        found = locate_points(points, field, heading, seen.weights, camera=seen.camera)
+        if seen.look is None or scale is not None:
+            found = locate_points(points, field, heading, seen.weights, camera=seen.camera)
+        else:
+            found = locate(seen.look.observation, field, heading, camera=seen.camera)
     except NoFitError as error:
         found = error
     if isinstance(found, PoorFitError):

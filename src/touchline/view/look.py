@@ -15,8 +15,7 @@ from touchline.field import FieldModel, open_field
 from touchline.files.images import read_image
 from touchline.files.opened import open_bytes
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.one_shot.locate import locate_points
-from touchline.localization.registration.weights import WeightSettings, precision_weights
+from touchline.localization.one_shot.locate import locate
 from touchline.messages import counted
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
@@ -209,13 +208,12 @@ def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, 
     Raises InputError if a file cannot be read, and for an unknown system.
     """
     field = open_field(field_name or _ASSUMED_FIELD)
-    look = observe_image(path, open_camera(camera_file), field, system)
+    camera = open_camera(camera_file)
+    look = observe_image(path, camera, field, system)
     if field_name is None:
         return replace(look, field=None, found="no pose: give the field with --field NAME")
-    points = look.observation.points
     try:
-        weights = precision_weights(points, WeightSettings())
-        location = locate_points(points.positions_m, field, weights=weights, camera=open_camera(camera_file))
+        location = locate(look.observation, field, camera=camera)
     except NoFitError as error:
         return replace(look, found=f"no pose: {error}")
     return replace(look, field_from_robot=location.pose, found="or its mirror image, without a compass")

@@ -33,11 +33,12 @@ class Judgement(NamedTuple):
 
 
 def judge(
-    field: FieldModel, placed: FloatArray, distances_m: FloatArray, covariance: FloatArray, camera: CameraDoubt
+    field: FieldModel, placed: FloatArray, distances_m: FloatArray, covariance: FloatArray, camera: CameraDoubt | None
 ) -> Judgement:
     """Judge a pose by where it puts the points: placed (N, 2) in m, field frame, distances_m (N,) from the lines.
 
-    covariance (3, 3) in (m, m, rad): of the pose if field and points are what they are said to be.
+    covariance (3, 3) in (m, m, rad): of the pose if field and points are what they are said to be. camera: what the
+    lines say against it; None if its errors are fitted with the pose.
     """
     doubts = [] if is_observed(covariance) else [_open_direction(covariance)]
     far = float(np.mean(distances_m > FAR_M))
@@ -62,6 +63,8 @@ def judge(
         doubts.append(
             f"{100 * outside:.0f} % of the points lie outside the carpet, {field.border:g} m and more beside the field"
         )
+    if camera is None:
+        return Judgement(covariance, tuple(doubts))
     if abs(camera.scale) > max(MIN_SCALE, MIN_SCALE_DEVIATIONS * camera.scale_deviation):
         doubts.append(
             f"the ranges look {100 * abs(camera.scale):.1f} ± {100 * camera.scale_deviation:.1f} % too "

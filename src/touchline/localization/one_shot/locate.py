@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -19,17 +20,22 @@ from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.given import given_numbers
 from touchline.localization.one_shot.certainty import CameraDoubt, Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import judge
+from touchline.localization.one_shot.joint_search import BEYOND_M, JointSearch
 from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, permutation_test
 from touchline.localization.one_shot.point_search import PointSearch
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
 from touchline.localization.registration.weights import WeightSettings, normalized, range_weights
+from touchline.localization.search.pose_search import Known
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
 
 SAMPLE_POINTS = 150  # points, evenly over the ground, that rank and refine the samples: more only take longer
 MAX_POINTS = 10_000  # points that are matched: more only take longer, their noise has long averaged out
 SAME_M = 0.15  # poses nearer to each other than this and SAME_RAD are one: less than two lines are apart
 SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SAME_M
+# log-odds against the likeliest pose from which another is none, where crossings or landmarks count: a perspective
+# camera's image is worth no more, as of `SECTOR`
+MAX_LOG_ODDS = 4.0
 
 
 class LocateSettings(Settings):
@@ -122,16 +128,19 @@ def locate(
     seed: int = 0,
     camera: Camera | None = None,
 ) -> Location:
-    """The pose of a robot from one set of line points.
+    """The pose of a robot from one set of line points, or from all that one observation shows.
 
     points: the path of a CSV file (header x_m,y_m, perhaps weight), an array or a sequence of pairs (N, 2) in m, robot
-    frame, or LinePoints (or an Observation's), which are weighed by their precision. field: a preset's name, the path
+    frame, LinePoints, which are weighed by their precision, or an Observation, whose lines, crossings and landmarks
+    count, too. field: a preset's name, the path
     of a field.yaml or a FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle.
     settings, seed, camera: as of `locate_points`.
     Raises InputError for points or a field that can't be read, NoFitError for points that fit no pose.
     """
     model = field if isinstance(field, FieldModel) else _opened(field)
     heading = None if heading is None else given_numbers("heading", "an angle (rad) or None", [heading], 1)[0]
+    if isinstance(points, Observation) and (points.lines or points.crossings or points.landmarks):
+        return _locate_observation(points, model, heading, settings or LocateSettings(), seed, camera)
     positions_m, weights = points_and_weights(points)
     return locate_points(positions_m, model, heading, weights, settings, seed, camera)
 
@@ -173,12 +182,70 @@ def locate_points(
     sample, weights = sampled(points, weights, MAX_POINTS, seed)
     matches = _matches(search, sample, weights, heading, s)
     if not matches:
-        raise NoFitError(
-            f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
-        )
-    pose, error = matches[0]
+        raise NoFitError(_no_heading_message(heading, s))
+    max_error = matches[0][1] * s.hypothesis_factor + s.hypothesis_margin
+    similar = [pose for pose, error in matches if error <= max_error]
+    spread = Spread.stated_by(camera)
+
+    def unsure(place: Pose) -> tuple[FloatArray, CameraDoubt]:
+        return with_camera(field, points, place, points_covariance(search, sample, weights, place), spread)
+
+    return _judged(_Found(points, sample, weights, similar, unsure), search, field, heading, s, seed)
+
+
+def _locate_observation(
+    observation: Observation,
+    field: FieldModel,
+    heading: float | None,
+    s: LocateSettings,
+    seed: int,
+    camera: Camera | None,
+) -> Location:
+    """As `locate_points`, by all that is seen; the points are those of a camera without the errors that are fitted."""
+    _check_heading(heading)
+    max_range_m = math.hypot(field.length, field.width) + BEYOND_M
+    joint = JointSearch(field, observation.usable(max_range_m), camera)
+    positions_m, weights = _different_points(joint.seen.positions_m, None, s)
+    search = PointSearch(field, heading, s.heading_tolerance_rad)
+    matches = _matches(search, positions_m, weights, heading, s)
+    known = None if heading is None else Known(np.array([0.0, 0.0, heading]), np.diag([0.0, 0.0, 1.0]))
+    fits = [one for one in joint.fits([pose for pose, _ in matches], known) if _allowed(one.pose, heading, s)]
+    if not fits:
+        raise NoFitError(_no_heading_message(heading, s))
+    similar = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
+    of_pose = {one.pose: one for one in similar}
+    kept = _different_poses(list(of_pose))
+    points, weights = _different_points(joint.corrected(fits[0]), None, s)
+    sample, weights = sampled(points, weights, MAX_POINTS, seed)
+
+    def unsure(place: Pose) -> tuple[FloatArray, None]:
+        return of_pose[place].covariance, None
+
+    found = _Found(points, sample, weights, kept, unsure, joint.doubts(fits[0]))
+    return _judged(found, search, field, heading, s, seed)
+
+
+class _Found(NamedTuple):
+    """Poses that explain the points (N, 2) about equally well, the best first, and by how much each may be off.
+
+    sample, weights (M,): points of which the pose's error is taken. doubts: what else speaks against the best pose.
+    """
+
+    points: FloatArray
+    sample: FloatArray
+    weights: FloatArray
+    poses: Sequence[Pose]
+    unsure: Callable[[Pose], tuple[FloatArray, CameraDoubt | None]]
+    doubts: tuple[str, ...] = ()
+
+
+def _judged(
+    found: _Found, search: PointSearch, field: FieldModel, heading: float | None, s: LocateSettings, seed: int
+) -> Location:
+    """The best pose, if it is better than chance, with all that speaks against it."""
+    points, pose = found.points, found.poses[0]
     candidates = CANDIDATES if field.is_symmetric or heading is not None else 2 * CANDIDATES
-    chance = permutation_test(search, sample, seed, candidates)
+    chance = permutation_test(search, found.sample, seed, candidates)
     distances = field.line_distances(pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
     nearest = Hypothesis(pose, mean_m)
@@ -186,21 +253,14 @@ def locate_points(
         raise NotSignificantError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
     if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
-    spread = Spread.stated_by(camera)
-
-    def unsure(place: Pose) -> tuple[FloatArray, CameraDoubt]:
-        return with_camera(field, points, place, points_covariance(search, sample, weights, place), spread)
-
-    covariance, doubted = unsure(pose)
-    judged = judge(field, pose.transform(points), distances, covariance, doubted)
+    judged = judge(field, pose.transform(points), distances, *found.unsure(pose))
     nearest = Hypothesis(pose, mean_m, covariance=judged.covariance)
-    max_error = error * s.hypothesis_factor + s.hypothesis_margin
-    similar = [other for other, its_error in matches[1:] if its_error <= max_error]
     others = tuple(
-        replace(one, covariance=unsure(one.pose)[0]) if one.covariance is None else one
-        for one in _hypotheses(similar, field, points, nearest, heading, s)
+        replace(one, covariance=found.unsure(one.pose)[0]) if one.covariance is None else one
+        for one in _hypotheses(found.poses[1:], field, points, nearest, heading, s)
     )
-    doubts = (*_rivals(pose, others), *judged.doubts)
+    error = search.error(found.sample, found.weights, pose)
+    doubts = (*_rivals(pose, others), *found.doubts, *judged.doubts)
     return Location(pose, judged.covariance, error, mean_m, median_m, others, len(points), chance, doubts)
 
 
@@ -302,6 +362,10 @@ def _is_among(pose: Pose, others: list[Pose]) -> bool:
         pose.distance_to(other) < SAME_M and abs(wrap_angle(pose.heading - other.heading)) < SAME_RAD
         for other in others
     )
+
+
+def _no_heading_message(heading: float | None, s: LocateSettings) -> str:
+    return f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
 
 
 def _scatter_message(

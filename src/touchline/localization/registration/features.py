@@ -119,6 +119,12 @@ class Features:
             return NO_POINTS
         return self._points(seen.crossings, seen.landmarks, _positions(seen))
 
+    def kinds_of(self, seen: Observation) -> list[str]:
+        """What each of `points_of` is seen as, in words."""
+        kinds = (*(f"{kind}-crossing" for kind in seen.crossings.kinds), *seen.landmarks.kinds)
+        kept, _ = self._associations(seen.crossings, seen.landmarks)
+        return [kinds[k].replace("_", " ") for k in kept]
+
     @property
     def tell_ends_apart(self) -> bool:
         """Whether colours that count distinguish the two ends of the field."""

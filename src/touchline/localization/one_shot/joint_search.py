@@ -1,0 +1,124 @@
+"""Poses of an observation with lines, crossings and landmarks: search and joint fit of our own system.
+
+Pose and errors of the camera are fitted to all that is seen, so that a corner, a post or a penalty mark settles what
+line points leave open, and a camera that leans otherwise than it is thought to does not bend the lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.camera import Camera
+from touchline.field import FieldModel
+from touchline.field.association import FieldAssociations
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.camera_errors import camera_errors
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.camera_errors.perspective import HEIGHT_M
+from touchline.localization.registration.feature_model import FeatureModel, best_place, field_lines
+from touchline.localization.registration.features import Features
+from touchline.localization.registration.joint import StateFit, StatePrior
+from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.registration.seen import seen_of
+from touchline.localization.search.feature_search import ANYWHERE, pose_of
+from touchline.localization.search.field_search import FieldSearch, Searched
+from touchline.localization.search.pose_search import Known
+from touchline.types import Observation
+
+PLACE_M = 0.01  # error of a crossing's place on the field
+BEYOND_M = 1.0  # so far outside of the field a robot may stand
+MIN_CONFIDENCE = 0.5  # of a feature that contradicts a pose
+MAX_CHI2 = (
+    9.5  # of the camera's errors: the 95 % quantile with 4 degrees of freedom; right poses leave 3, wrong ones 11
+)
+MIN_EXPLAINED = 0.9  # share of what is seen; right poses in photographs leave 0.97
+
+
+class JointFit(NamedTuple):
+    """A pose with its covariance (3, 3) in (m, m, rad), the camera's errors (K,), the log-likelihood of all that is
+    seen and the share of it that lies where it should.
+    """
+
+    pose: Pose
+    covariance: FloatArray
+    errors: FloatArray
+    log_likelihood: float
+    explained: float
+
+
+class JointSearch:
+    """Searches a field for the pose of one observation, and says what contradicts it."""
+
+    def __init__(self, field: FieldModel, observation: Observation, camera: Camera | None) -> None:
+        """camera: None if it is unknown; with line points that of a mirror, else a perspective one."""
+        places = FieldAssociations(field)
+        self.errors = camera_errors(camera, HEIGHT_M if camera is None and not len(observation.points) else None)
+        self._features = Features(places, None, self.errors.height_m, PLACE_M)
+        self._model = FeatureModel(places.tables, field_lines(field), polar=False)
+        self._registration = Registration(field.distance_map(), places.tables)
+        reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
+        self._search = FieldSearch(field, self._registration, self._model, reach_m)
+        self._observation, self._response = observation, self.errors.response()
+        self.seen = seen_of(observation, self._features, 1.0)
+        variances = np.diag(self.errors.prior).copy()
+        variances[:2] += self.errors.lean.first**2
+        self._deviations = np.sqrt(variances)
+        information = np.diag(np.concatenate((ANYWHERE, self._deviations)) ** -2.0)
+        self._prior = StatePrior(np.zeros(len(information)), information)
+
+    def fits(self, starts: Sequence[Pose], known: Known | None = None) -> list[JointFit]:
+        """From the poses that the search finds and from starts, the likeliest first. known: of the pose."""
+        view, seen = self._features.of(self._observation), self.seen
+        searched = Searched(
+            seen, view, seen.positions_m, self._prior, self._response, all_round=self.errors.trust.free_fit
+        )
+        modes = self._search.modes(searched, () if known is None else (known,))
+        fits = [self._fit(pose) for pose in (*(mode.pose for mode in modes), *starts)]
+        return sorted(fits, key=lambda one: -one.log_likelihood)
+
+    def corrected(self, fit: JointFit) -> FloatArray:
+        """The line points (N, 2), robot frame, as a camera without the errors of a fit would have seen them."""
+        points: FloatArray = placed_points(self.seen.positions_m, fit.errors, self._response)
+        return points
+
+    def doubts(self, fit: JointFit) -> tuple[str, ...]:
+        """What contradicts a fit, a sentence each: features that are none of the field's there, a camera far off."""
+        return (*self._contradicting(fit), *self._of_camera(fit))
+
+    def _fit(self, start: Pose) -> JointFit:
+        state = np.array([*start, *np.zeros(len(self._deviations))])
+        prior = StatePrior(state, self._prior.information)
+        fit: StateFit = self._registration.fit_state(self.seen, state, prior, TRACKING, self._response)
+        covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3] + np.diag(self.errors.floor**2)
+        return JointFit(pose_of(fit), covariance, fit.state[3:].copy(), float(fit.log_likelihood), float(fit.explained))
+
+    def _contradicting(self, fit: JointFit) -> list[str]:
+        pose, points, found = fit.pose, self.seen.features, []
+        placed = placed_points(self.seen.raw_m, fit.errors, self._response)
+        points = points._replace(positions_m=placed)
+        turned = (*pose, math.cos(pose.heading), math.sin(pose.heading))
+        for i, kind in enumerate(self._features.kinds_of(self._observation)):
+            place, least, _ = best_place(points, i, self._model.tables, False, turned)
+            likely = points.peaks[i] * math.exp(-least) if place >= 0 else 0.0
+            if points.trust[i] >= MIN_CONFIDENCE and likely < points.floors[i]:
+                found.append(
+                    f"the {kind} seen {np.hypot(*placed[i]):.1f} m away at "
+                    f"{math.degrees(math.atan2(placed[i, 1], placed[i, 0])):.0f}° is none of the field's"
+                )
+        return found
+
+    def _of_camera(self, fit: JointFit) -> list[str]:
+        """Errors of the camera that are larger than they should be, and what is explained in spite of them."""
+        found, ratios = [], fit.errors / self._deviations
+        if float(ratios @ ratios) > MAX_CHI2:
+            k = int(np.argmax(np.abs(ratios)))
+            found.append(f"what is seen fits only if the camera's {self.errors.names[k]} is {fit.errors[k]:+.3f} off")
+        if fit.explained < MIN_EXPLAINED:
+            found.append(
+                f"{100.0 * (1.0 - fit.explained):.0f} % of what is seen lies beside the field's lines and marks"
+            )
+        return found
