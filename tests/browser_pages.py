@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from fakes import FakeSource, FakeSystem, true_samples, write_recording
+from fakes import FakeSource, FakeSystem, WatchedSystem, true_samples, write_recording
 from test_compare import Shifted, made
 
 from touchline.evaluation.compare import compare
@@ -135,10 +135,11 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
     folder.mkdir()
     with RunFolder(folder) as writer:
         source = FakeSource(COUNT, black=(60, 61))
-        tally = run_frames(source, FakeSystem(np.random.default_rng(0)), writer)
+        tally = run_frames(source, WatchedSystem(np.random.default_rng(0)), writer)
     table, truth = read_estimates(folder / "estimates.csv"), true_samples(COUNT)
     errors = signed_errors(table.trajectory, truth)
-    data = RunData(table, open_field("msl-18x12"), truth, errors, tally.black_ns, [{"t": 6.2, "kind": "kidnap"}])
+    data = RunData(table, open_field("msl-18x12"), truth, errors, tally.black_ns, [{"t": 6.2, "kind": "kidnap"}],
+                   tally.summary()["said"])  # fmt: skip
     jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 90, np.uint8))[1].tobytes()
     small = [Thumbnail(int(table.trajectory.stamp_ns[row]), jpeg) for row in range(0, COUNT, 4)]
     summary = {
@@ -152,7 +153,7 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
     assert told["begin"] == 1  # the first located
     assert told["frame"] in (148, 152)
     assert told["width"] == 320
-    assert (told["charts"], told["histograms"]) == (6, 1)
+    assert (told["charts"], told["histograms"]) == (9, 1)
 
 
 @pytest.mark.parametrize("width", [1280, 500])

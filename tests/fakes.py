@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -116,3 +117,16 @@ def write_recording(folder: Path, count: int = 12, truth: bool = True) -> Path:
         lines = [tum_line(index * STEP_NS, true_pose(index)) for index in range(count)]
         (folder / "ground_truth.tum").write_text("".join(lines))
     return folder
+
+
+class WatchedSystem(FakeSystem):
+    """Gives bounds and statistics. In the frames 10 to 19 a fault is named and no bound is given."""
+
+    def step(self, frame: Frame) -> Estimate:
+        estimate, index = super().step(frame), round(frame.stamp_ns / STEP_NS)
+        if 10 <= index < 20:
+            doubted = estimate.unconfirmed("odometry contradicts the images")
+            faulty = ("odometry turns the wrong way: its theta has the wrong sign",)
+            return replace(doubted, statistics={"motion": 1.5, "share": 0.2}, problems=faulty)
+        bound = {"protection_m": 0.06, "protection_rad": 0.05, "end_probability": 0.99}
+        return replace(estimate, statistics={"motion": 0.3, "share": 0.1}, **bound)

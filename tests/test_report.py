@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
+from fakes import STEP_NS, FakeSource, FakeSystem, WatchedSystem, true_samples
 
 from touchline import palette
 from touchline.evaluation.estimates import EstimateTable, read_estimates
@@ -90,7 +90,8 @@ def write(
     located = table.has_status(Status.TRACKING)
     errors = None
     if known is not None and searching < frames:
-        errors = error_table(table.trajectory, known, located=located, black_ns=tally.black_ns)
+        watched = {"black_ns": tally.black_ns, "protection": table.protection}
+        errors = error_table(table.trajectory, known, located=located, **watched)
     summary = {
         "recording": {"name": "walk <1>", "field": "msl-18x12", "description": "Black & white"},
         "system": "fake",
@@ -107,7 +108,7 @@ def write(
         **changes,
     }
     signed = None if known is None else signed_errors(table.trajectory, known)
-    data = data or RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns)
+    data = data or RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns, said=tally.summary()["said"])
     pictures = [Picture("Image 3 at 0.30 s", "tracking", np.full((40, 60, 3), 90, dtype=np.uint8))]
     small = [Thumbnail(STEP_NS * index, b"jpeg") for index in range(0, frames, 10)]
     path = write_report(folder, summary, data, errors, pictures if frames else (), small)
@@ -239,6 +240,31 @@ def test_probabilities_are_told_where_a_system_knows_them(tmp_path: Path) -> Non
     page, _ = write(tmp_path / "told", system=Unsure(np.random.default_rng(0)))
     assert "probability of the pose, median</dt><dd>87.5<span> %" in page
     assert "probability of its twin, median</dt><dd>12.5<span> %" in page
+
+
+def test_protection_levels_statistics_and_named_faults_are_drawn(tmp_path: Path, page: str) -> None:
+    shown, errors = write(tmp_path, system=WatchedSystem(np.random.default_rng(0)))
+    assert errors is not None
+    assert errors.protection_position is not None
+    assert f"misleading: {errors.protection_position.misleading} of 18 images in position" in shown
+    data = page_data_of(shown)
+    charts = {chart["title"].partition(" (")[0]: chart for chart in data["charts"]}
+    level = charts["Protection level of the position"]
+    assert [one["label"] for one in level["series"]] == ["error", "protection level"]
+    assert [level["series"][1]["values"][k] for k in (5, 15, 25)] == [6, None, 6]
+    assert level["series"][0]["values"][5] == pytest.approx(2.0, abs=2.0)
+    assert level["range"] == [0.0, pytest.approx(6.3, abs=4.0)]
+    statistics = charts["Consistency"]
+    assert [one["label"] for one in statistics["series"]] == ["alarm", "motion", "share"]
+    assert [statistics["series"][1]["values"][k] for k in (5, 15)] == [0.3, 1.5]
+    (fault,) = [event for event in data["events"] if event.get("color") == "searching"]
+    assert (fault["t"], fault["until"], fault["label"]) == (1.0, 1.9, "odometry turns the wrong way")
+    run = data["runs"][0]
+    assert [run["reasons"][run["reason"][k]] for k in (5, 15)] == ["", "odometry contradicts the images"]
+    assert "alt='Stanford diagram: error against protection level' src='data:image/png;base64," in shown
+    assert "1.00 to 1.90 s (10 images): odometry turns the wrong way: its theta has the wrong sign" in shown
+    assert "Stanford diagram" not in page, "a system without a monitor has none"
+    assert "Consistency" not in page
 
 
 def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> RunData:

@@ -302,7 +302,8 @@ def _write_report(finished: Run, source: Recording, tally: RunTally, system: Loc
 
     truth, trajectory = finished.truth, finished.estimates.trajectory
     errors = None if truth is None else signed_errors(trajectory, truth)
-    data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns(), source.events)
+    said = finished.summary["said"]
+    data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns(), source.events, said)
     small = [] if tally.pictures is None else tally.pictures.thumbnails
     pictures = run_pictures(source, tally, system)
     write_report(finished.folder, finished.summary, data, finished.errors, pictures, small)

@@ -85,7 +85,7 @@ def print_errors(errors: ErrorTable) -> None:
     from touchline.evaluation.metrics import COLUMNS
 
     output().print(plain_table("error", *COLUMNS, rows=((name, *values) for name, values in errors.rows())))
-    say(errors.left_out(), style="dim")
+    say(*errors.notes(), style="dim")
 
 
 @contextmanager

@@ -74,6 +74,11 @@ class EstimateTable:
         return has
 
     @property
+    def protection(self) -> FloatArray:
+        """(N, 2) protection levels of position (m) and heading (rad); NaN where none was given."""
+        return np.column_stack((self.protection_m, self.protection_rad)).astype(np.float64)
+
+    @property
     def has_modes(self) -> bool:
         """Whether the system fuses sensors by modes."""
         return bool(np.any(self.mode != _NO_MODE))

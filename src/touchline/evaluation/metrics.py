@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.evaluation.protection import ALERT_LIMIT_M, ALERT_LIMIT_RAD, ProtectionStatistics, protection_text
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.types import Samples
 
@@ -52,7 +53,8 @@ class ErrorTable:
 
     `frames` were counted. Left out: `skipped` first frames as asked, `black` images, frames `before_first` estimate,
     frames `without_truth` nearer than half a frame. In `lost` of the counted frames the robot was lost or searched for;
-    `tracked_position` is of the others (None where these are all or none).
+    `tracked_position` is of the others (None where these are all or none). `protection_position`, `protection_heading`:
+    how the protection levels of the others hold, None where there is none.
     """
 
     x: ErrorStatistics
@@ -66,6 +68,8 @@ class ErrorTable:
     without_truth: int = 0
     lost: int = 0
     tracked_position: ErrorStatistics | None = None
+    protection_position: ProtectionStatistics | None = None
+    protection_heading: ProtectionStatistics | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: metres and radians, as the keys say."""
@@ -83,8 +87,13 @@ class ErrorTable:
             table.append((f"{_TITLES.get(name, name)} ({'cm' if unit == 'm' else '°'})", numbers))
         return table
 
-    def left_out(self) -> str:
-        """A sentence about what was counted and left out."""
+    def notes(self) -> list[str]:
+        """Sentences: what was counted and left out, and how protection levels hold, where there are any."""
+        position, heading = self.protection_position, self.protection_heading
+        bounds = [] if position is None or heading is None else [protection_text(position, heading)]
+        return [self._left_out(), *bounds]
+
+    def _left_out(self) -> str:
         parts = [
             (self.skipped, "first frames, as asked"),
             (self.before_first, "before the first estimate"),
@@ -100,14 +109,15 @@ class ErrorTable:
         head = "".join(f"<th>{title}</th>" for title in ("error", *COLUMNS))
         rows = ((name, "".join(f"<td>{value}</td>" for value in values)) for name, values in self.rows())
         body = "".join(f"<tr><th>{name}</th>{cells}</tr>" for name, cells in rows)
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{self.left_out()}</p>"
+        notes = "".join(f"<p>{note}</p>" for note in self.notes())
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{notes}"
 
     def __str__(self) -> str:
         rows = self.rows()
         width = max(len(name) for name, _ in rows) + 2
         head = " " * width + "".join(f"{title:>12}" for title in COLUMNS)
         body = [f"{name:<{width}}" + "".join(f"{value:>12}" for value in values) for name, values in rows]
-        return "\n".join([head, *body, self.left_out()])
+        return "\n".join([head, *body, *self.notes()])
 
 
 COLUMNS = ("mean |e|", "median |e|", "std e", "std |e|", "max |e|")
@@ -168,11 +178,13 @@ def error_table(
     located: BoolArray | None = None,
     black_ns: Sequence[tuple[int, int]] = (),
     skip: int = 0,
+    protection: FloatArray | None = None,
 ) -> ErrorTable:
     """Statistics of a trajectory (N, 3) against the truth (M, 3), both x, y, heading (m, m, rad).
 
     located: (N,) whether the system was tracking; frames before the first of them are left out. None: all were.
     black_ns: first and last stamp of every stretch of black images. skip: leave out this many frames at the start.
+    protection: (N, 2) protection levels of position (m) and heading (rad), NaN where none was given.
 
     Raises NothingToCompareError if nothing is left to compare.
     """
@@ -188,6 +200,11 @@ def error_table(
     if not counted.any():
         raise NothingToCompareError(_why_nothing_is_left(keep, begun, known))
     values = errors.values[counted]
+    levels = np.full((len(trajectory), 2), np.nan) if protection is None else protection
+    levels = levels[errors.rows[tracked]]
+    bounded = bool(np.isfinite(levels).any())
+    of_position = ProtectionStatistics.of(errors.position_m()[tracked], levels[:, 0], ALERT_LIMIT_M)
+    of_heading = ProtectionStatistics.of(errors.values[tracked, 2], levels[:, 1], ALERT_LIMIT_RAD)
     return ErrorTable(
         x=ErrorStatistics.of(values[:, 0]),
         y=ErrorStatistics.of(values[:, 1]),
@@ -202,6 +219,8 @@ def error_table(
         tracked_position=ErrorStatistics.of(errors.position_m()[tracked])
         if 0 < tracked.sum() < counted.sum()
         else None,
+        protection_position=of_position if bounded else None,
+        protection_heading=of_heading if bounded else None,
     )
 
 

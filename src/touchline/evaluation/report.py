@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -16,6 +17,7 @@ import numpy as np
 from touchline.evaluation.compare import leaves
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
+from touchline.evaluation.protection import stanford_diagram
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.runner import Thumbnail, said_text
@@ -68,6 +70,7 @@ def write_report(
         _key_figures(summary, errors, data),
         _time_section(data, bool(thumbnails)) if shows_time else "",
         _error_table(errors, summary, data),
+        _protection(data),
         _latency(data, summary),
         _gallery(pictures),
         _said(summary),
@@ -196,7 +199,7 @@ def _error_table(errors: ErrorTable | None, summary: dict[str, Any], data: RunDa
     note = "std e is of the signed error, std |e| of its size."
     return (
         f"<section><h2>Errors</h2><div class='scroll'><table class='errors'><thead><tr><th></th>{head}</tr></thead>"
-        f"<tbody>{rows}</tbody></table></div><p class='note'>{errors.left_out()}. {note}</p></section>"
+        f"<tbody>{rows}</tbody></table></div><p class='note'>{'. '.join(errors.notes())}. {note}</p></section>"
     )
 
 
@@ -240,7 +243,28 @@ def _of_the_curves(data: RunData) -> str:
         sigma = "Shaded about zero: ± 2σ as the system states it."
         said = f"Estimate minus truth, in the field frame, since the robot was first located. {sigma} {said}"
         said += " Grey: black images, which do not count." if data.black_ns else ""
+    if data.said:
+        said += " Orange: what the system said while it ran, at its time."
+    if data.table.statistics:
+        said += " Consistency: how far sensors and field contradict each other; from 1 on it is an alarm."
     return said
+
+
+def _protection(data: RunData) -> str:
+    """The Stanford diagram, where the truth and protection levels are known."""
+    bounded = data.bounded_errors()
+    if bounded is None:
+        return ""
+    drawn = io.BytesIO()
+    stanford_diagram(*bounded)[0].savefig(drawn, dpi=110, format="png", metadata={"Software": None})
+    image = f"<img alt='Stanford diagram: error against protection level' src='{_source('png', drawn.getvalue())}'>"
+    caption = "Shade: how many images; dots: single images whose error is larger than their protection level."
+    figure = f"<figure class='histogram'>{image}<figcaption>{caption}</figcaption></figure>"
+    return f"<section><h2>Protection level</h2>{figure}</section>"
+
+
+def _source(kind: str, data: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def _latency(data: RunData, summary: dict[str, Any]) -> str:
@@ -266,9 +290,8 @@ def _gallery(pictures: Iterable[Picture]) -> str:
         done, code = cv2.imencode(".jpg", picture.image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         if not done:
             continue
-        source = "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode("ascii")
         items.append(
-            f"<figure><img alt='{html.escape(picture.title)}' loading='lazy' src='{source}'>"
+            f"<figure><img alt='{html.escape(picture.title)}' loading='lazy' src='{_source('jpeg', code.tobytes())}'>"
             f"<figcaption><strong>{html.escape(picture.title)}</strong> {html.escape(picture.caption)}</figcaption>"
             "</figure>"
         )

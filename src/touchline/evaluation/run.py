@@ -89,8 +89,15 @@ class Run:
 
     def errors_against(self, truth: Samples, skip: int = 0) -> ErrorTable:
         """Errors against a truth (M, 3), the first `skip` frames left out. Raises InputError if no frame is left."""
-        located = self.estimates.has_status(Status.TRACKING)
-        return error_table(self.estimates.trajectory, truth, located=located, black_ns=self.black_ns(), skip=skip)
+        table = self.estimates
+        return error_table(
+            table.trajectory,
+            truth,
+            located=table.has_status(Status.TRACKING),
+            black_ns=self.black_ns(),
+            skip=skip,
+            protection=table.protection,
+        )
 
     def black_ns(self) -> list[tuple[int, int]]:
         """First and last stamp of every stretch of black images, as far as a run that was cut off has noted them.

@@ -41,7 +41,7 @@ class RunData:
     """The estimates, the truth (values (M, 3), m and rad) and errors where known.
 
     black_ns: first and last stamp of every stretch of black images. events: what happened, as the recording tells it:
-    mappings with `t` (s, on the clock of the stamps) and `kind`.
+    mappings with `t` (s, on the clock of the stamps) and `kind`. said: what the system said, as summary.json holds it.
     """
 
     table: EstimateTable
@@ -50,6 +50,7 @@ class RunData:
     errors: Errors | None = None
     black_ns: Sequence[tuple[int, int]] = ()
     events: Sequence[Mapping[str, Any]] = ()
+    said: Sequence[Mapping[str, Any]] = ()
 
     @property
     def first_located(self) -> int:
@@ -78,13 +79,23 @@ class RunData:
         errors = self.errors_since_located()
         if errors is None:
             return None
-        tracked = self.table.has_status(Status.TRACKING)[errors.rows]
-        tracked &= ~within(errors.stamp_ns, self.black_ns)
-        if not tracked.any() or tracked.sum() == (~within(errors.stamp_ns, self.black_ns)).sum():
+        counted = ~within(errors.stamp_ns, self.black_ns)
+        tracked = counted & self.table.has_status(Status.TRACKING)[errors.rows]
+        if not tracked.any() or tracked.sum() == counted.sum():
             return None
         x, y, heading = errors.values[tracked].T
         named = {"x": x, "y": y, "position": np.hypot(x, y), "heading": heading}
         return {name: ErrorStatistics.of(values) for name, values in named.items()}
+
+    def bounded_errors(self) -> tuple[FloatArray, FloatArray] | None:
+        """Position errors (K,) and protection levels (K,) of the tracked images (m), black ones left out, the level NaN
+        where none was given; None without truth or without any level.
+        """
+        if self.errors is None:
+            return None
+        counted = self._tracked() & ~within(self.errors.stamp_ns, self.black_ns)
+        levels = self.table.protection[self.errors.rows[counted], 0]
+        return (self.errors.position_m()[counted], levels) if np.isfinite(levels).any() else None
 
     def happened(self) -> list[Event]:
         """What the recording tells, in the order of time; where it tells no kidnap, those that the truth shows."""

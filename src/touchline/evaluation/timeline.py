@@ -8,9 +8,10 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +19,11 @@ import numpy.typing as npt
 
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import associate, within
-from touchline.evaluation.run_data import Event, RunData, carried_rows
+from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.runner import Thumbnail
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
+from touchline.palette import SERIES
 from touchline.types import Mode, Status
 
 MAX_ROWS = 2_000
@@ -30,6 +32,7 @@ _BINS = 45  # of the histogram of times
 _CUT = 1.6  # of the usual error: how far an axis reaches if few frames are far worse
 _USUAL_PERCENT = 98.0
 _EVENT_WORDS = {"slip": "shove", "kidnap": "kidnap", "occluded": "covered", "light_change": "light"}
+_MAX_LABEL = 40
 _DEGREES = float(np.degrees(1.0))
 
 
@@ -111,7 +114,8 @@ def run_tree(name: str, data: RunData, rows: npt.NDArray[np.int64], color: str =
     poses = data.table.trajectory.values[rows]
     status = [int(value) for value in data.table.status[rows]]
     dots = [each and (color or each) for each in dot_colors(data)[rows].tolist()]
-    return {"name": name, "marker": color or "tracking", "status": status, "dots": dots, **_places(poses)}
+    told = {"reasons": list(data.table.reasons), "reason": data.table.reason[rows].tolist()}
+    return {"name": name, "marker": color or "tracking", "status": status, **told, "dots": dots, **_places(poses)}
 
 
 def dot_colors(data: RunData) -> npt.NDArray[np.object_]:
@@ -140,8 +144,8 @@ def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
     """Errors of x, y (cm) and heading (°) with ± 2σ since the robot was first located, and what was seen."""
     charts = []
     errors = data.errors_since_located()
+    values = np.full((len(data.table), 3), np.nan)
     if errors is not None:
-        values = np.full((len(data.table), 3), np.nan)
         values[errors.rows] = errors.values
         values[within(data.table.trajectory.stamp_ns, data.black_ns)] = np.nan
         tracked = data.table.has_status(Status.TRACKING)[rows]
@@ -150,11 +154,31 @@ def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
             sigma = np.where(rows >= data.first_located, 2.0 * scale * data.table.std[rows, column], np.nan)
             curve = Curve("error", f"series-{name}", scale * values[rows, column], sigma)
             charts.append(Chart(f"Error of {name}", unit, 2, [curve], tracked[np.newaxis]))
+    charts += [*_protection_charts(data, values[rows], rows), *_statistics_charts(data, rows)]
     residual = Curve("residual", "bar", 100.0 * data.table.residual_m[rows].astype(np.float64))
     points = Curve("points", "bar", data.table.points[rows].astype(np.float64))
     charts.append(Chart("Residual: mean distance from the field's lines", "cm", 2, [residual], signed=False))
     charts.append(Chart("Line points or features", "", 0, [points], signed=False))
     return charts
+
+
+def _protection_charts(data: RunData, errors: FloatArray, rows: npt.NDArray[np.int64]) -> Iterator[Chart]:
+    """Protection levels at these rows, with the size of the errors (K, 3) where they are known."""
+    sizes = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    named = (("position", 100.0, "cm", data.table.protection_m), ("heading", _DEGREES, "°", data.table.protection_rad))
+    for size, (name, scale, unit, level) in zip(sizes, named, strict=True):
+        curves = [Curve("error", "run-1", scale * size)] if np.isfinite(size).any() else []
+        if np.isfinite(level).any():
+            curves += [Curve("protection level", "run-0", scale * level[rows].astype(np.float64))]
+            yield Chart(f"Protection level of the {name}", unit, 2, curves, signed=False)
+
+
+def _statistics_charts(data: RunData, rows: npt.NDArray[np.int64]) -> Iterator[Chart]:
+    """The consistency statistics in one chart; none of systems without a monitor."""
+    statistics = [(name, values[rows].astype(np.float64)) for name, values in data.table.statistics.items()]
+    curves = [Curve(name, f"run-{k % len(SERIES)}", values) for k, (name, values) in enumerate(statistics)]
+    if curves:
+        yield Chart("Consistency", "", 2, [Curve("alarm", "ink", np.ones(len(rows))), *curves], signed=False)
 
 
 def latency_tree(spent_ms: FloatArray, latency_ms: dict[str, Any]) -> dict[str, Any]:
@@ -233,13 +257,28 @@ def _gaps(data: RunData, stamps: npt.NDArray[np.int64]) -> list[int]:
 
 
 def _event_trees(data: RunData) -> list[dict[str, Any]]:
-    def tree(event: Event) -> dict[str, Any]:
-        return {"t": round(event.t_s, 3), "label": _EVENT_WORDS.get(event.kind, event.kind)}
+    """What happened, what the system said and where images are black; what lasted has an end."""
+    start_s = 1e-9 * float(data.table.trajectory.stamp_ns[0]) if len(data.table) else 0.0
+    is_black = len(data.black_ns) > 0
+    spans = [(1e-9 * first, 1e-9 * last, {"label": "black"}) for first, last in data.black_ns]
+    for said in data.said:
+        shown = {"label": _short(said["what"]), "color": "searching"}
+        spans.append((said["t"], said.get("until", said["t"]), shown))
+    trees: list[dict[str, Any]] = [
+        {"t": round(begin - start_s, 3), "until": round(end - start_s, 3), **shown} for begin, end, shown in spans
+    ]
+    trees += [
+        {"t": round(event.t_s, 3), "label": _EVENT_WORDS.get(event.kind, event.kind)}
+        for event in data.happened()
+        if event.kind != "occluded" or not is_black
+    ]
+    return sorted(trees, key=itemgetter("t"))
 
-    black = [data.seconds(np.array(stretch)) for stretch in data.black_ns]
-    spans = [{"t": round(float(a), 3), "until": round(float(b), 3), "label": "black"} for a, b in black]
-    trees = [*spans, *(tree(event) for event in data.happened() if event.kind != "occluded" or not spans)]
-    return sorted(trees, key=lambda one: float(str(one["t"])))
+
+def _short(phrase: str) -> str:
+    """The beginning of a phrase, as there is room on a curve."""
+    head = phrase.partition(":")[0]
+    return head if len(head) <= _MAX_LABEL else f"{head[: _MAX_LABEL - 1]}…"
 
 
 def _nearest(stamps: npt.NDArray[np.int64], stamp_ns: int) -> int:

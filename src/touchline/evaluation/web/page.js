@@ -19,7 +19,7 @@
     c.save(); c.beginPath(); c.rect(u.bbox.left, top, u.bbox.width, high); c.clip();
     for (const event of data.events) {
       c.globalAlpha = event.until === undefined ? 1 : 0.35;
-      c.strokeStyle = css("ink"); c.fillStyle = css("soft"); c.lineWidth = 1;
+      c.strokeStyle = css("ink"); c.fillStyle = css(event.color || "soft"); c.lineWidth = 1;
       if (event.until !== undefined) c.fillRect(at(u, event.t), top, Math.max(2, at(u, event.until) - at(u, event.t)), high);
       else { c.setLineDash([4, 4]); c.beginPath(); c.moveTo(at(u, event.t), top); c.lineTo(at(u, event.t), top + high); c.stroke(); }
     }
@@ -132,8 +132,7 @@
   function later() { requestAnimationFrame(() => place(null)); }  // when the charts have been laid out
   function show(i, from) {
     if (i === row) return;
-    row = i;
-    byId("time").value = i;
+    byId("time").value = row = i;
     place(from);
     const said = [`<strong>${t[i].toFixed(2)} s</strong>`];
     data.runs.forEach((run, k) => {
@@ -141,7 +140,8 @@
       marker.style.display = known ? "" : "none";
       if (!known) return;
       marker.setAttribute("transform", `translate(${run.x[i]} ${run.y[i]}) rotate(${run.h[i]})`);
-      const status = run.status == null || run.status[i] == null ? "" : `, <span class="key ${data.statuses[run.status[i]]}"></span>${data.statuses[run.status[i]]}`;
+      const name = run.status && data.statuses[run.status[i]], why = name && run.reasons[run.reason[i]];
+      const status = name ? `, <span class="key ${name}"></span>${name}${why ? ": " + escaped(why) : ""}` : "";
       said.push(`${escaped(run.name)}: x ${run.x[i].toFixed(2)} m, y ${run.y[i].toFixed(2)} m, heading ${run.h[i].toFixed(1)}°${status}`);
     });
     byId("said").innerHTML = said.join("<br>");

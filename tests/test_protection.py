@@ -1,0 +1,62 @@
+"""Protection levels against errors: what counts as misleading, how sure a rate is, and the Stanford diagram."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fakes import STEP_NS, true_samples
+
+from touchline.evaluation.metrics import error_table
+from touchline.evaluation.protection import ProtectionStatistics, protection_text, stanford_diagram
+from touchline.types import Samples
+
+ERRORS = np.array([0.01, -0.02, 0.2, 0.7, 0.7, 2.0, 0.1, 0.1])
+LEVELS = np.array([0.05, 0.05, 0.1, 0.1, 1.0, 1.0, np.nan, 0.1])
+
+
+def test_images_fall_in_the_regions_of_the_diagram() -> None:
+    figure, counts = stanford_diagram(ERRORS, LEVELS, 0.5, title="drawn up")
+    assert (counts.images, counts.bounded, counts.misleading, counts.hazardous, counts.unavailable) == (8, 7, 3, 1, 2)
+    assert counts.median == pytest.approx(0.1)
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.texts] == [
+        "as promised: 3 of 8", "bound beyond 0.5 m: 2", "misleading\n2", "hazardously misleading\n1",
+    ]  # fmt: skip
+    wrong = next(line for line in axes.lines if line.get_marker() == "o")
+    np.testing.assert_allclose(wrong.get_xydata(), [(0.2, 0.1), (0.7, 0.1), (2.0, 1.0)])
+    assert axes.get_title() == "drawn up"
+
+
+def test_without_any_level_nothing_is_bounded() -> None:
+    counts = stanford_diagram(ERRORS, np.full(8, np.nan))[1]
+    assert (counts.images, counts.bounded, counts.misleading, np.isnan(counts.median)) == (8, 0, 0, True)
+    assert counts.misleading_rate_bound() == 1.0
+
+
+def test_the_rate_that_no_misleading_image_leaves_possible() -> None:
+    def bound(misleading: int, images: int) -> float:
+        return ProtectionStatistics(images, images, misleading, 0, 0, 0.1, 0.5).misleading_rate_bound()
+
+    assert bound(0, 1000) == pytest.approx(1.0 - 0.05 ** (1.0 / 1000), rel=1e-6)
+    assert bound(1, 1000) == pytest.approx(0.00473, rel=0.01)
+    assert bound(5, 5) == 1.0
+
+
+def test_the_error_table_tells_how_often_levels_are_exceeded() -> None:
+    truth = true_samples(6)
+    moved = Samples(truth.stamp_ns, truth.values + np.outer([0.0, 0.01, 0.2, 3.0, 0.01, 0.01], [1.0, 0.0, 0.0]))
+    levels = np.column_stack((np.full(6, 0.05), np.full(6, 0.02)))
+    levels[4] = np.nan
+    tracked = np.array([True, True, True, False, True, True])
+    table = error_table(moved, truth, located=tracked, black_ns=[(5 * STEP_NS, 5 * STEP_NS)], protection=levels)
+    position, heading = table.protection_position, table.protection_heading
+    assert position is not None
+    assert heading is not None
+    assert (position.images, position.bounded, position.misleading, heading.misleading) == (4, 3, 1, 0)
+    said = "misleading: 1 of 3 images in position, 0 in heading; median protection level 5.0 cm, 1.15°; none given in 1"
+    assert protection_text(position, heading) == said
+    assert str(table).endswith(said)
+    assert said in table._repr_html_()
+    assert table.as_dict()["protection_position"]["misleading"] == 1
+    without = error_table(moved, truth, located=tracked)
+    assert (without.protection_position, without.protection_heading, len(without.notes())) == (None, None, 1)
