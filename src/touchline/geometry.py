@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.floating[Any]]
+_HALF_TURN = np.outer([-1.0, -1.0, 1.0], [-1.0, -1.0, 1.0])  # of a covariance of x, y, heading
 
 
 def wrap_angle(angle_rad: float) -> float:
@@ -84,8 +85,8 @@ def as_pose(pose: FloatArray) -> Pose:
 
 def mirrored_covariance(covariance: FloatArray) -> FloatArray:
     """Covariance (3, 3) of x, y, heading of the mirrored pose: turned by half a turn."""
-    half_turn = np.array([-1.0, -1.0, 1.0])
-    return covariance * np.outer(half_turn, half_turn)
+    mirrored: FloatArray = covariance * _HALF_TURN
+    return mirrored
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -75,7 +75,5 @@ class Compass:
 
     def _rate_rad_s(self, stamp_ns: int, bridged_s: float) -> float:
         """Turning rate over the bridged time before the stamp."""
-        recent = self.gyro.rates_rad_s(stamp_ns - int(bridged_s * NANOSECONDS), stamp_ns)
-        if len(recent):
-            return float(recent.mean())
-        return float(self.samples.slope(RATE_WINDOW_S)[0])
+        rate_rad_s = self.gyro.rate_rad_s(stamp_ns - int(bridged_s * NANOSECONDS), stamp_ns)
+        return float(self.samples.slope(RATE_WINDOW_S)[0]) if rate_rad_s is None else rate_rad_s

@@ -17,6 +17,8 @@ _MEAN_NS = int(_MEAN_S * NANOSECONDS)
 _MAX_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
 
+Vector = tuple[float, float, float]  # ahead, left, turning; plain floats: NumPy takes longer for three
+
 
 class Delayed(NamedTuple):
     """A motion by what the odometry told late_s (s) before the stamps of its ends.
@@ -38,28 +40,28 @@ def delayed(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -
     motion = history.between(start_ns - late_ns, end_ns - late_ns)
     ahead_ns = _ahead_ns(history, end_ns - late_ns)
     before, after = (_velocity(history, stamp_ns - late_ns + ahead_ns) for stamp_ns in (start_ns, end_ns))
-    by_delay: FloatArray = np.zeros(3)
+    x = y = turn = 0.0
     pause_ns = history.odometry.samples.longest_pause_ns(start_ns - late_ns - _MEAN_NS, end_ns - late_ns)
     if motion.missing_s == 0.0 and pause_ns <= _MAX_PAUSE_NS:
         cosine, sine = math.cos(motion.pose.heading), math.sin(motion.pose.heading)
-        by_delay = by_begin(motion.pose, before)
-        by_delay[0] -= cosine * after[0] - sine * after[1]
-        by_delay[1] -= sine * after[0] + cosine * after[1]
-        by_delay[2] -= after[2]
+        x, y, turn = by_begin(motion.pose, before)
+        x -= cosine * after[0] - sine * after[1]
+        y -= sine * after[0] + cosine * after[1]
+        turn -= after[2]
         position2, turn2 = _noise2(after, (end_ns - start_ns) / NANOSECONDS)
-        if by_delay[0] ** 2 + by_delay[1] ** 2 < _CLEARLY**2 * position2:
-            by_delay[:2] = 0.0
-        if by_delay[2] ** 2 < _CLEARLY**2 * turn2:
-            by_delay[2] = 0.0
-    return Delayed(motion, late_s, by_delay, after)
+        if x**2 + y**2 < _CLEARLY**2 * position2:
+            x = y = 0.0
+        if turn**2 < _CLEARLY**2 * turn2:
+            turn = 0.0
+    return Delayed(motion, late_s, np.array([x, y, turn]), np.array(after))
 
 
-def _noise2(velocity_of: FloatArray, seconds: float) -> tuple[float, float]:
+def _noise2(velocity: Vector, seconds: float) -> tuple[float, float]:
     """Variances of the difference of two velocities so many seconds apart, of position's each and of turning's."""
-    x, y, turning = np.abs(velocity_of).tolist()
+    x, y, turning = velocity
     speed, apart = math.hypot(x, y), 2.0 * min(seconds, _MEAN_S) / _MEAN_S**2
     position2 = TRAVEL_NOISE_M**2 * speed + DRIFT_M**2
-    return apart * position2, apart * (TRAVEL_NOISE_RAD**2 * speed + TURN_NOISE_RAD**2 * turning + DRIFT_RAD**2)
+    return apart * position2, apart * (TRAVEL_NOISE_RAD**2 * speed + TURN_NOISE_RAD**2 * abs(turning) + DRIFT_RAD**2)
 
 
 def until_stamp(history: MotionHistory, stamp_ns: int, late_s: float) -> Delayed:
@@ -69,13 +71,13 @@ def until_stamp(history: MotionHistory, stamp_ns: int, late_s: float) -> Delayed
     if late_s < 0.0:
         motion = motion._replace(pose=motion.pose.inverse())
     before = _velocity(history, taken_ns + _ahead_ns(history, taken_ns))
-    return Delayed(motion, late_s, by_begin(motion.pose, before), np.zeros(3))
+    return Delayed(motion, late_s, np.array(by_begin(motion.pose, before)), np.zeros(3))
 
 
-def by_begin(moved: Pose, before: FloatArray) -> FloatArray:
-    """Derivative (3,) of a motion by how much earlier it begins, at a velocity (3,) there."""
-    x, y, turning = before.tolist()
-    return np.array([x - turning * moved.y, y + turning * moved.x, turning])
+def by_begin(moved: Pose, before: Vector) -> Vector:
+    """Derivative of a motion by how much earlier it begins, at a velocity there."""
+    x, y, turning = before
+    return x - turning * moved.y, y + turning * moved.x, turning
 
 
 def _ahead_ns(history: MotionHistory, stamp_ns: int) -> int:
@@ -84,17 +86,15 @@ def _ahead_ns(history: MotionHistory, stamp_ns: int) -> int:
     return min(_MEAN_NS // 2, samples.last_ns - stamp_ns) if len(samples) else 0
 
 
-def _velocity(history: MotionHistory, end_ns: int) -> FloatArray:
-    """Of the robot by its odometry, (3,) ahead, left (m/s), turning (rad/s): the mean until a stamp; zeros where none
-    is known.
-    """
+def _velocity(history: MotionHistory, end_ns: int) -> Vector:
+    """Of the robot by its odometry: the mean until a stamp; zeros where none is known."""
     samples = history.odometry.samples
     if len(samples) < 2 or not samples.first_ns < end_ns <= samples.last_ns:
-        return np.zeros(3)
+        return 0.0, 0.0, 0.0
     start_ns = max(end_ns - _MEAN_NS, samples.first_ns)
     start, end = samples.at(start_ns), samples.at(end_ns)
     seconds = (end_ns - start_ns) / NANOSECONDS
     x, y, turn = (b - a for a, b in zip(start, end, strict=True))
     heading = start[2] + 0.5 * turn
     cosine, sine = math.cos(heading), math.sin(heading)
-    return np.array([cosine * x + sine * y, cosine * y - sine * x, wrap_angle(turn)]) / seconds
+    return (cosine * x + sine * y) / seconds, (cosine * y - sine * x) / seconds, wrap_angle(turn) / seconds

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import Field
 
 from touchline.config import Settings
-from touchline.geometry import FloatArray
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import MAX_VALUE, Samples
@@ -56,9 +57,10 @@ class IntegratedGyro:
             after_gap = duration_ns > int(GAP_S * NANOSECONDS)
             self.integral.append(stamp_ns, [angle_rad, rate_rad_s], after_gap)
 
-    def rates_rad_s(self, start_ns: int, end_ns: int) -> FloatArray:
-        """Turning rates (M,) read from one stamp to another, both included."""
-        return self.integral.samples.between(start_ns, end_ns)[:, 1]
+    def rate_rad_s(self, start_ns: int, end_ns: int) -> float | None:
+        """Mean of the turning rates read from one stamp to another, both included; None without one."""
+        rates_rad_s = [rate_rad_s for _, rate_rad_s in self.integral.samples.rows_within(start_ns, end_ns)]
+        return math.fsum(rates_rad_s) / len(rates_rad_s) if rates_rad_s else None
 
     def forget_before(self, stamp_ns: int) -> None:
         """Forget what isn't needed to look up angles from a stamp on."""

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.geometry import FloatArray
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import MAX_VALUE, Frame, Samples
 
@@ -32,7 +31,7 @@ class LeanFilter:
     def clear(self) -> None:
         """Forget all samples."""
         self._integral: deque[tuple[int, float, float, float, float]] = deque(maxlen=_KEPT)  # stamp, angles, rates
-        self._offset: FloatArray | None = None  # of the angles beyond the integral
+        self._offset: tuple[float, float] | None = None  # of the angles beyond the integral
         self._angle_ns = self._newest_ns = 0
 
     def add(self, frame: Frame) -> None:
@@ -43,14 +42,14 @@ class LeanFilter:
         for stamp_ns, rates in _rows(frame.gyro if self.rates else None, end_ns):
             self._integrate(stamp_ns, rates[0], rates[1])
         for stamp_ns, angles in _rows(frame.tilt, end_ns):
-            self._correct(stamp_ns, np.array(angles[:2]))
+            self._correct(stamp_ns, angles[0], angles[1])
 
     def lean(self, stamp_ns: int) -> tuple[float, float] | None:
         """Roll and pitch (rad) at a stamp; None without angles in the quarter of a second before."""
         if self._offset is None or abs(stamp_ns - self._angle_ns) > MAX_AGE_S * NANOSECONDS:
             return None
-        roll, pitch = self._offset + self.turned(stamp_ns)
-        return float(roll), float(pitch)
+        roll, pitch = self.turned(stamp_ns)
+        return self._offset[0] + roll, self._offset[1] + pitch
 
     def at_image(self, frame: Frame, late_ns: int = 0) -> Frame:
         """Add a frame's samples; the frame, with the lean late_ns before its stamp in the place of the angles."""
@@ -69,29 +68,31 @@ class LeanFilter:
             roll, pitch = roll + half_s * (last_roll + roll_rad_s), pitch + half_s * (last_pitch + pitch_rad_s)
         self._integral.append((stamp_ns, roll, pitch, roll_rad_s, pitch_rad_s))
 
-    def turned(self, stamp_ns: int) -> FloatArray:
-        """The integral of the rates (2,) at a stamp, carried on at both ends by the nearest rate; 0 without rates."""
+    def turned(self, stamp_ns: int) -> tuple[float, float]:
+        """The integral of the rates at a stamp, extrapolated at both ends by the nearest rate; 0 without rates."""
         if not self._integral:
-            return np.zeros(2)
+            return 0.0, 0.0
         found = self._integral[0]
         for row in reversed(self._integral):
             if row[0] <= stamp_ns:
                 found = row
                 break
-        ahead_s = float(np.clip((stamp_ns - found[0]) / NANOSECONDS, -MAX_AGE_S, MAX_AGE_S))
-        return np.array([found[1] + ahead_s * found[3], found[2] + ahead_s * found[4]])
+        ahead_s = min(max((stamp_ns - found[0]) / NANOSECONDS, -MAX_AGE_S), MAX_AGE_S)
+        return found[1] + ahead_s * found[3], found[2] + ahead_s * found[4]
 
-    def _correct(self, stamp_ns: int, angles: FloatArray) -> None:
+    def _correct(self, stamp_ns: int, roll_rad: float, pitch_rad: float) -> None:
         if self._offset is not None and stamp_ns <= self._angle_ns:
             return
-        found = angles - self.turned(stamp_ns - round(LAG_S * NANOSECONDS))
+        turned = self.turned(stamp_ns - round(LAG_S * NANOSECONDS))
+        roll, pitch = roll_rad - turned[0], pitch_rad - turned[1]
         gap_s = (stamp_ns - self._angle_ns) / NANOSECONDS
         if self._offset is None or gap_s > MAX_AGE_S or not self._integral:
-            self._offset, self._age_s = found, 0.0
+            self._offset, self._age_s = (roll, pitch), 0.0
         else:
             self._age_s += gap_s
             gain = min(1.0, gap_s / min(self._age_s + gap_s, MEMORY_S))
-            self._offset = self._offset + gain * (found - self._offset)
+            before = self._offset
+            self._offset = before[0] + gain * (roll - before[0]), before[1] + gain * (pitch - before[1])
         self._angle_ns = stamp_ns
 
 

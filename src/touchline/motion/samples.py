@@ -100,10 +100,13 @@ class SampleHistory:
         share = (stamp_ns - start_ns) / (end_ns - start_ns)
         return [a + share * (b - a) for a, b in zip(self._rows[after - 1], self._rows[after], strict=True)]
 
+    def rows_within(self, start_ns: int, end_ns: int) -> list[list[float]]:
+        """Values of the samples from one stamp to another, both included; not to be changed."""
+        return self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
+
     def between(self, start_ns: int, end_ns: int) -> FloatArray:
         """Values (M, columns) of the samples from one stamp to another, both included."""
-        rows = self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
-        return np.array(rows, dtype=np.float64).reshape(-1, self._columns)
+        return np.array(self.rows_within(start_ns, end_ns), dtype=np.float64).reshape(-1, self._columns)
 
     def slope(self, window_s: float) -> FloatArray:
         """Rate of change (columns,) per second over the newest `window_s`; zero with fewer than two samples there."""

@@ -53,6 +53,11 @@ class RobotSetup:
         return self.height_m is not None if self.camera is None else self.camera.model != "omni"
 
     @property
+    def leans(self) -> bool:
+        """Whether what is seen depends on the body's lean: not so of a mirror, but for one with `use_attitude`."""
+        return self.camera is None or self.camera.use_attitude or self.walks
+
+    @property
     def max_range_m(self) -> float:
         """What is farther away than this can't be a line of the field: the field's diagonal, or the end of the
         camera's range table if that is nearer, and a margin.

@@ -221,7 +221,8 @@ class Touchline:
 
     def _observe(self, frame: Frame) -> tuple[Frame, Observation]:
         """A frame with the lean at which its image was taken, and what is seen in it."""
-        frame = self.leaning.at_image(frame, round(1e9 * self._estimated_delay_s))
+        if self.setup.leans:
+            frame = self.leaning.at_image(frame, round(1e9 * self._estimated_delay_s))
         return frame, self.clock.perception(observe, frame, self.detector, self.max_range_m)
 
     def _describe_camera(self, seen: Observation) -> None:
@@ -256,7 +257,7 @@ class Touchline:
         counts = not self.setup.walks if self.settings.compass is None else self.settings.compass
         if not counts or self.stuck.sticks:
             return None
-        return self.history.at(frame.stamp_ns - round(1e9 * self.delay.corrected_s)).heading_rad
+        return self.history.compass.heading_at(frame.stamp_ns - round(1e9 * self.delay.corrected_s))
 
     def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
         """The heading by a compass, and the zone that was given."""

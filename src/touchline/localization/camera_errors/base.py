@@ -103,13 +103,13 @@ class CameraErrors(Protocol):
         ...
 
     @property
-    def floor(self) -> FloatArray:
-        """(3,): standard deviations (m, m, rad) of the pose that no image lowers."""
+    def floor(self) -> tuple[float, float, float]:
+        """Standard deviations (m, m, rad) of the pose that no image lowers."""
         ...
 
     @property
-    def misfit(self) -> FloatArray:
-        """(K,): standard deviation of the position by what the errors do beyond this model, per unit (m)."""
+    def misfit(self) -> tuple[float, ...]:
+        """Standard deviation of the position by what each error does beyond this model, per unit (m)."""
         ...
 
     @property

@@ -57,6 +57,8 @@ class MirrorErrors:
     height_m: float = HEIGHT_M
     learned: float = LEARNED
     trust: ImageTrust = ALL_ROUND
+    floor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    misfit: tuple[float, ...] = (MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0)
 
     @classmethod
     def of(cls, camera: Camera | None) -> MirrorErrors:
@@ -74,16 +76,6 @@ class MirrorErrors:
         """(5,), as of `CameraErrors`."""
         drift: FloatArray = DRIFT_RATIO * np.sqrt(np.diag(self.prior))
         return drift
-
-    @property
-    def floor(self) -> FloatArray:
-        """(3,), as of `CameraErrors`."""
-        return np.zeros(3)
-
-    @property
-    def misfit(self) -> FloatArray:
-        """(5,), as of `CameraErrors`."""
-        return np.array([MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0])
 
     def response(self, frame: Frame | None = None) -> MirrorResponse:
         """The same for every image: a mirror does not turn."""

@@ -51,6 +51,8 @@ class PerspectiveErrors:
     names: tuple[str, ...] = NAMES
     learned: float = LEARNED
     trust: ImageTrust = SECTOR
+    floor: tuple[float, float, float] = (MIN_POSITION_M, MIN_POSITION_M, MIN_HEADING_RAD)
+    misfit: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     exact: FloatArray | None = None
 
     @classmethod
@@ -75,16 +77,6 @@ class PerspectiveErrors:
     def drift(self) -> FloatArray:
         """(4,), as of `CameraErrors`."""
         return DRIFT
-
-    @property
-    def floor(self) -> FloatArray:
-        """(3,), as of `CameraErrors`."""
-        return np.array([MIN_POSITION_M, MIN_POSITION_M, MIN_HEADING_RAD])
-
-    @property
-    def misfit(self) -> FloatArray:
-        """(4,), as of `CameraErrors`."""
-        return np.zeros(4)
 
     def response(self, frame: Frame | None = None) -> PerspectiveResponse:
         """Where the camera looks at the image of a frame."""

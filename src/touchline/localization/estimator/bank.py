@@ -229,7 +229,8 @@ class Bank:
 
     def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
         """The prediction; of a given pose, off by some decimetres and degrees, starts all about it, too."""
-        pose, deviations = one.pose.as_array(), START_STEP * np.sqrt(np.diag(one.covariance))
+        pose = one.pose.as_array()
+        deviations = START_STEP * np.sqrt(np.diag(one.covariance)) if first else np.zeros(3)
         if not first or deviations.max() > 1.0:
             return [pose]
         return [pose + deviations * step for step in itertools.product((0.0, -1.0, 1.0), repeat=3)]
@@ -257,7 +258,7 @@ class Bank:
         predicted = one.filter.pose.as_array()
         upright = placed_points(seen.positions_m, one.filter.errors, image.response)
         free = self.registration.fit(upright, seen.covariances_m2, predicted)
-        gain = float(seen.shares.mean()) * free.log_likelihood - one.fit.log_likelihood
+        gain = float(seen.shares.sum()) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
         return Jump(free.pose - predicted if gain > 0.0 else step, distance2, gain)
 
     def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:

@@ -36,16 +36,26 @@ class ExactCamera:
         """Pose and covariance (3, 3), (m, m, rad), field frame: the mean of both models."""
         if self._more is None or not one.initial.learned:
             return one.pose, one.covariance
-        shift, covariance, evidence = as_exact(
-            one.covariance, one.error_crossed, one.error_covariance, one.errors, self._more
+        (x, y, heading), covariance = mean_of_both(
+            one.covariance, one.error_crossed, one.error_covariance, one.errors, self._more, self._prior
         )
-        if not math.isfinite(evidence):  # information too close to singular to be compared
-            return one.pose, one.covariance
-        log_odds = min(max(0.5 * self._prior + float(evidence), -MAX_LOG_ODDS), MAX_LOG_ODDS)
-        share = 1.0 / (1.0 + math.exp(-log_odds))
-        x, y, heading = (share * shift).tolist()
-        spread = one.covariance + share * (covariance - one.covariance) + share * (1.0 - share) * np.outer(shift, shift)
-        return Pose(one.pose.x + x, one.pose.y + y, wrap_angle(one.pose.heading + heading)), spread
+        return Pose(one.pose.x + x, one.pose.y + y, wrap_angle(one.pose.heading + heading)), covariance
+
+
+@njit(cache=True)
+def mean_of_both(pose, crossed, errors, mean, more, prior):  # type: ignore[no-untyped-def]
+    """Shift of a pose to the mean of both models, and its covariance (3, 3); arguments as of `as_exact`. prior:
+    logarithm of the determinants of both priors' information, one over the other.
+    """
+    shift, covariance, evidence = as_exact(pose, crossed, errors, mean, more)
+    if not math.isfinite(evidence):  # information too close to singular to be compared
+        return (0.0, 0.0, 0.0), pose.copy()
+    share = 1.0 / (1.0 + math.exp(-min(max(0.5 * prior + evidence, -MAX_LOG_ODDS), MAX_LOG_ODDS)))
+    for a in range(3):
+        for b in range(3):
+            between = share * (1.0 - share) * (shift[a] * shift[b])
+            covariance[a, b] = pose[a, b] + share * (covariance[a, b] - pose[a, b]) + between
+    return (share * shift[0], share * shift[1], share * shift[2]), covariance
 
 
 @njit(cache=True)

@@ -38,7 +38,7 @@ class CameraErrorStatistics:
 
     def _lean(self, deviation: float) -> None:
         self.lean = deviation
-        self.per_image = np.zeros_like(self.errors.prior)
+        self.per_image = np.zeros(self.errors.prior.shape)
         self.per_image[0, 0] = self.per_image[1, 1] = deviation**2
 
     @property
@@ -52,14 +52,17 @@ class CameraErrorStatistics:
         per_m = self.errors.lean.per_m
         if 2.0 * (per_m * self.lean) ** 2 > SETTLED_PER_M**2:
             return SHAKEN
-        tilt2 = per_m**2 * float(np.trace(one.error_covariance[:2, :2] + self.per_image[:2, :2]))
+        errors, lean2 = one.error_covariance, self.lean**2
+        tilt2 = per_m**2 * ((float(errors[0, 0]) + lean2) + (float(errors[1, 1]) + lean2))
         return SETTLED if tilt2 < SETTLED_PER_M**2 else UNSETTLED
 
     def floor(self, one: Filter) -> FloatArray:
         """Covariance (3, 3) of every pose that no image lowers, in (m, m, rad)."""
-        floor = self.errors.floor**2
-        floor[:2] += 0.5 * float(((self.errors.misfit * one.errors) ** 2).sum())
-        return np.diag(floor)
+        x, y, heading = self.errors.floor
+        shifts = [misfit * error for misfit, error in zip(self.errors.misfit, one.errors.tolist(), strict=True)]
+        shift2, floor = 0.5 * sum(shift * shift for shift in shifts), np.zeros((3, 3))
+        floor[0, 0], floor[1, 1], floor[2, 2] = x * x + shift2, y * y + shift2, heading * heading
+        return floor
 
     def learn(self, fit: StateFit, expected: StatePrior, seen: Seen) -> None:
         """Learn the lean of single images and the points' noise from an image. expected: the prior of its fit.

@@ -38,7 +38,7 @@ class SwayDelay:
         the stamp. leaning: the lean by the IMU.
         """
         turned = [leaning.turned(stamp_ns - round(1e9 * lag_s)) for lag_s in LAGS_S]
-        self._add(lean_rad, np.array(turned) - leaning.turned(stamp_ns - round(1e9 * lag_s)))
+        self._add(lean_rad, np.array(turned) - np.array(leaning.turned(stamp_ns - round(1e9 * lag_s))))
         return self.delay_s, self.deviation_s
 
     def _add(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:

@@ -28,6 +28,10 @@ NO_POINTS = PointFeatures(
     np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0),
     np.zeros((0, 4), np.int64), np.zeros(0), np.zeros(0, np.int64),
 )  # fmt: skip
+NO_LINES = LineFeatures(
+    np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0)
+)  # fmt: skip
+NOTHING = FeatureView(NO_POINTS, NO_LINES)
 
 
 class FeatureKinds(Settings):
@@ -106,6 +110,8 @@ class Features:
 
     def of(self, seen: Observation, placed: Callable[[FloatArray], FloatArray] | None = None) -> FeatureView:
         """What counts of an observation. placed: ground points (N, 2) without the camera's errors that are known."""
+        if not (len(seen.lines) or len(seen.crossings) or len(seen.landmarks)):
+            return NOTHING
         lines, positions = seen.lines.ends_m, _positions(seen)
         if placed is not None:
             lines, positions = placed(lines.reshape(-1, 2)).reshape(-1, 2, 2), placed(positions)

@@ -123,8 +123,8 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / (px * px + py * py + _MIN_RANGE2_M2)
         spread = rx * rx * c[i, 0, 0] + 2.0 * rx * ry * c[i, 0, 1] + ry * ry * c[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
-        rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
         fill_rows(rows, i, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_points, response)
+        rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
         kept *= kept

@@ -125,7 +125,7 @@ class LearnedMirror:
     @property
     def misfit(self) -> FloatArray:
         """Covariance (3, 3) of what a mirror does to every pose alike beyond the errors looked for, in (m, m, rad)."""
-        shift2 = 0.5 * float(((self.errors.misfit * self.correction) ** 2).sum())
+        shift2 = 0.5 * float(((np.array(self.errors.misfit) * self.correction) ** 2).sum())
         shift = np.diag([shift2, shift2, 0.0])
         return shift if self.fit is None else shift + self.fit.lever @ self._not_looked_for @ self.fit.lever.T
 

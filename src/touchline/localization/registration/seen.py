@@ -27,7 +27,7 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     """noise: ratio of the variances of line points, as learned, to those that they state."""
     if len(observation.points):
         points = observation.points
-        shares = POINT_SHARE * np.clip(points.confidences, MIN_CONFIDENCE, 1.0)
+        shares: FloatArray = POINT_SHARE * np.minimum(np.maximum(points.confidences, MIN_CONFIDENCE), 1.0)
         noise *= POINT_SHARE * repeated(len(points))
     else:
         points, shares = points_on(observation.lines)
