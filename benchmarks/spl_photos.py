@@ -195,10 +195,9 @@ def main() -> None:
     print(f"labelled lines found: {scores.found} of {scores.labelled} ({100.0 * scores.found / scores.labelled:.1f} %)")
     print(f"border and goal box: {np.median(scores.angles_deg):.2f}°, {np.median(scores.gaps_m):.3f} m apart (medians)")
     both = np.array([*scores.sure_m, *scores.doubted_m])
-    print(
-        f"located within 15 cm: {np.count_nonzero(both < 0.15)} of {len(both) + scores.refused}, "
-        f"{scores.refused} refused, {len(scores.doubted_m)} doubted; beyond 25 cm without a doubt: {sum(off > 0.25 for off in scores.sure_m)}"
-    )
+    far = sum(off > 0.25 for off in scores.sure_m)
+    print(f"located within 15 cm: {np.count_nonzero(both < 0.15)} of {len(both) + scores.refused}")
+    print(f"refused {scores.refused}, doubted {len(scores.doubted_m)}, beyond 25 cm without a doubt {far}")
     print(f"goal frame taken for a line: {len(scores.goal_frames)} {' '.join(scores.goal_frames)}")
 
 
