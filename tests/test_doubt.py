@@ -290,10 +290,10 @@ def test_a_pose_that_only_held_against_the_search_is_looked_at_again_before_it_i
     frame = drive.frames[0]
     made.history.add(frame)
     assert frame.observation is not None
-    view = made.inputs.of(frame.observation)
-    fix = made.failure.search.locate(view.positions_m, view.weights, 0.3)
+    view = made.following.inputs.of(frame.observation)
+    fix = made.following.failure.search.locate(view.positions_m, view.weights, 0.3)
     assert fix is not None
     assert fix.match.error > 0.1
-    made.doubt.reset(held_error)
-    made.doubt.refutes(view, fix.match, PoseFilter(fix.match.pose, fix.match.covariance), Fusion.SUPPORTS)
-    assert ("the points fit elsewhere as well" in made.doubt.reasons) == doubted
+    made.following.doubt.reset(held_error)
+    made.following.doubt.refutes(view, fix.match, PoseFilter(fix.match.pose, fix.match.covariance), Fusion.SUPPORTS)
+    assert ("the points fit elsewhere as well" in made.following.doubt.reasons) == doubted

@@ -413,7 +413,7 @@ def test_compass_drift_is_corrected() -> None:
     system = open_system("nubot-mti", RobotSetup(FIELD))
     for frame in made:
         system.step(frame)
-    offset = system.compass_correction.offset_rad  # type: ignore[attr-defined]
+    offset = system.following.compass_correction.offset_rad  # type: ignore[attr-defined]
     assert offset == pytest.approx(-0.39, abs=0.06)
 
 

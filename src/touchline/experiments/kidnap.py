@@ -116,14 +116,14 @@ def kidnap(
     for _ in range(BEFORE):
         system.step(robot.frame(here, 0.0, covered=False))
         here = robot.drive(here)
-    before = system.failure.failures
+    before = system.following.failure.failures
     hidden = [system.step(robot.frame(pose, error_rad, covered=True)) for _ in range(covered)]
-    noticed = [system.failure.failures > before or any(one.status is not Status.TRACKING for one in hidden)]
+    noticed = [system.following.failure.failures > before or any(one.status is not Status.TRACKING for one in hidden)]
     right = []
-    found, truth = system.tracker.filter.pose, pose
+    found, truth = system.following.tracker.filter.pose, pose
     for number in range(CYCLES):
         estimate = system.step(robot.frame(pose, error_rad, covered=False))
-        noticed.append(estimate.status is not Status.TRACKING or system.failure.failures > before)
+        noticed.append(estimate.status is not Status.TRACKING or system.following.failure.failures > before)
         right.append(_is_right(estimate, pose))
         if number == WITHIN - 1:
             found, truth = estimate.pose, pose

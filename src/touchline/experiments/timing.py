@@ -288,7 +288,7 @@ def _frame_times(simulation: Simulation, frames: list[Frame], settings: Settings
     times = []
     for frame in frames:
         if search:
-            system.belief.lose()
+            system.following.belief.lose()
         times.append(timed_ms(system.step, [frame])[0])
     return np.array(times[-FRAMES:])
 

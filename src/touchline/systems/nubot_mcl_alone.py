@@ -31,8 +31,8 @@ from touchline.localization.published.nubot.pose_filter import FusionSettings, P
 from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.localization.registration.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
-from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.nubot import report
+from touchline.perception import LearningSettings, LinePointSettings, observe
+from touchline.systems.nubot import opened_detector, report
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
@@ -58,13 +58,9 @@ class NubotMclAlone:
 
     def __init__(self, setup: RobotSetup, settings: NubotMclAloneSettings, rng: np.random.Generator) -> None:
         """rng: all chance comes from it."""
-        field, camera, s = setup.field, setup.camera, settings
-        self.setup = setup
-        self.settings = settings
-        self.detector = (
-            None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
-        )
-        self.max_range_m = setup.max_range_m
+        field, s = setup.field, settings
+        self.setup, self.settings, self.max_range_m = setup, settings, setup.max_range_m
+        self.detector = opened_detector(setup, s.line_points, s.learning)
         self.history = MotionHistory(s.odometry, s.compass_track)
         matcher = Matcher(field.distance_map(), s.matching)
         whole_field = GlobalSearch(matcher, field.length, field.width)

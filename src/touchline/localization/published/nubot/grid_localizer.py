@@ -10,7 +10,6 @@ from touchline.localization.published.nubot.global_search import GlobalFix, Glob
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
 from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.pose_filter import fused_covariance
-from touchline.motion import Motion
 from touchline.types import Hypothesis
 
 MAX_HYPOTHESES = 5  # that are named beside the pose: those refined in one round
@@ -34,9 +33,6 @@ class GridLocalizer:
     def reset(self) -> None:
         """Forget how often a pose has held against the search, and its rivals."""
         self._confirmations = self._rivalled = 0
-
-    def predict(self, motion: Motion) -> None:
-        """Nothing is carried on: every frame is searched anew."""
 
     def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization | None:
         """Search the whole field, or a region of it."""
