@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from touchline.calibration.strip_recording import camera_yaml
-from touchline.camera import OmniCamera
+from touchline.camera import OmniCamera, open_camera
 from touchline.camera.model_free import MIN_UNCERTAINTY, Edges, edges_uncertainty
 from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
 from touchline.errors import InputError
@@ -37,7 +37,7 @@ def written(tmp_path: Path, camera: OmniCamera, **more: object) -> Path:
 
 
 def test_a_file_that_does_not_say_how_sure_it_is_is_as_sure_as_usual(tmp_path: Path) -> None:
-    camera = OmniCamera.load(written(tmp_path, CAMERA))
+    camera = open_camera(written(tmp_path, CAMERA))
     assert camera.stated_uncertainty is None
     assert camera.uncertainty == CameraUncertainty(USUAL_TILT_DEG, 1.5, USUAL_RANGE_RATIO)
     assert "uncertainty" not in omni_mapping(camera)
@@ -46,14 +46,14 @@ def test_a_file_that_does_not_say_how_sure_it_is_is_as_sure_as_usual(tmp_path: P
 @pytest.mark.parametrize("sure", [CameraUncertainty(0.0, 0.0, 0.0), CameraUncertainty(0.1, 0.75, 0.0125)])
 def test_what_is_stated_is_written_and_read_again(tmp_path: Path, sure: CameraUncertainty) -> None:
     camera = replace(CAMERA, stated_uncertainty=sure)
-    assert OmniCamera.load(written(tmp_path, camera)).uncertainty == sure
+    assert open_camera(written(tmp_path, camera)).uncertainty == sure
     other = tmp_path / "calibrated.yaml"
     other.write_text(camera_yaml(camera, "a remark"), encoding="utf-8")
-    assert OmniCamera.load(other).uncertainty == sure
+    assert open_camera(other).uncertainty == sure
 
 
 def test_a_part_of_it_is_enough(tmp_path: Path) -> None:
-    sure = OmniCamera.load(written(tmp_path, CAMERA, uncertainty={"center_px": 0.5})).uncertainty
+    sure = open_camera(written(tmp_path, CAMERA, uncertainty={"center_px": 0.5})).uncertainty
     assert sure == CameraUncertainty(USUAL_TILT_DEG, 0.5, USUAL_RANGE_RATIO)
 
 
@@ -70,7 +70,7 @@ def test_a_part_of_it_is_enough(tmp_path: Path) -> None:
 )
 def test_nonsense_is_named(tmp_path: Path, value: object, named: str) -> None:
     with pytest.raises(InputError, match=named):
-        OmniCamera.load(written(tmp_path, CAMERA, uncertainty=value))
+        open_camera(written(tmp_path, CAMERA, uncertainty=value))
 
 
 def test_the_simulator_says_what_it_draws_from_and_nothing_is_wrong_with_an_ideal_robot() -> None:

@@ -24,6 +24,7 @@ from synthetic import (
 )
 
 from touchline.camera import OmniCamera
+from touchline.camera.base import ground_jacobian
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception import HsvLineDetector, HsvLinePaper, HsvLineSettings, observe
@@ -51,7 +52,7 @@ def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArra
     off, ranges = distances(points, CROSS), np.hypot(*points.positions_m.T)
     assert len(points) >= 80
     assert np.median(off[ranges < 3.0]) < 0.004
-    pixel_m = np.abs(CAMERA.ground_jacobian(points.pixels)).max(axis=(1, 2))
+    pixel_m = np.abs(ground_jacobian(CAMERA.ground_from_image, points.pixels)).max(axis=(1, 2))
     assert np.quantile(off / pixel_m, 0.9) < 0.35
 
 

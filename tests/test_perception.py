@@ -11,6 +11,7 @@ import pytest
 from synthetic import BLACK, CROSS, GREEN, WHITE, YELLOW, distances, line_field, mirror_camera, paint_ground
 
 from touchline.camera import OmniCamera
+from touchline.camera.base import ground_jacobian
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector, line_points, observe
@@ -44,7 +45,7 @@ def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArra
     assert len(points) >= 80
     assert np.median(off[ranges < 3.0]) < 0.004
     assert np.quantile(off, 0.95) < 0.05
-    pixel_m = np.abs(CAMERA.ground_jacobian(points.pixels)).max(axis=(1, 2))
+    pixel_m = np.abs(ground_jacobian(CAMERA.ground_from_image, points.pixels)).max(axis=(1, 2))
     assert np.quantile(off / pixel_m, 0.9) < 0.35
 
 

@@ -13,7 +13,7 @@ from small_recordings import HEIGHT, WIDTH, arc_pose, delete_lines, edit_line, w
 from touchline.errors import InputError
 from touchline.evaluation import read_tum
 from touchline.geometry import Pose
-from touchline.sources import ProblemKind, Source, open_source
+from touchline.sources import ProblemKind, Recording, open_source
 from touchline.types import Samples
 
 PUBLIC = [
@@ -218,7 +218,7 @@ def test_without_a_nominal_rate_the_median_one_is_taken_and_reported(tmp_path: P
 
 
 def test_a_recording_is_a_source(folder: Path) -> None:
-    source: Source = open_source(str(folder))
+    source: Recording = open_source(str(folder))
     assert len(source) == len(source.image_stamps) == 8
 
 

@@ -30,52 +30,42 @@ class Camera(Protocol):
     @property
     def model(self) -> str:
         """`omni`, `pinhole` or `fisheye`, as camera.yaml has it."""
-        ...
 
     @property
     def width(self) -> int:
         """Columns of the image."""
-        ...
 
     @property
     def height(self) -> int:
         """Rows of the image."""
-        ...
 
     @property
     def use_attitude(self) -> bool:
         """Whether the IMU's roll and pitch of the body place this camera better than none."""
-        ...
 
     @property
     def base_from_camera(self) -> Pose3:
         """Where the camera is on a robot that does not lean. Raises InputError where camera.yaml does not say."""
-        ...
 
     def ray(self, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
         """Unit vectors (N, 3) of what pixels see, in the base frame, from `base_from_camera.translation_m` on.
 
         Raises InputError for a camera whose place in the base frame is not known.
         """
-        ...
 
     def ground_from_image(self, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
         """Ground points (N, 2) of pixels."""
-        ...
 
     def image_from_ground(self, points: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
         """Pixels (N, 2) of ground points; they may lie outside the image: see `sees`."""
-        ...
 
     def ground_covariances(
         self, pixels: npt.ArrayLike, noise_px: float, noise_m: float, base_from_camera: Pose3 | None = None
     ) -> FloatArray:
         """(N, 2, 2) covariances (m²) of ground points: the pixels' noise on the ground, and the ground's own."""
-        ...
 
     def sees(self, pixels: FloatArray) -> Mask:
         """Whether pixels (N, 2) lie in the part of the image that shows the field; False for NaN."""
-        ...
 
 
 def field_of_view(camera: Camera, base_from_camera: Pose3 | None = None) -> Mask:

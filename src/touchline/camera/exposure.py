@@ -31,11 +31,9 @@ class ExposureCamera(Protocol):
 
     def set(self, exposure_ms: float, gain: float) -> None:
         """Use these settings from the next image on."""
-        ...
 
     def grab(self) -> ImageArray:
         """An image (H, W, 3), B, G, R, taken with the settings set last."""
-        ...
 
 
 class Watch(StrEnum):

@@ -11,14 +11,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import mounted
-from touchline.camera.reading import naming_lines
-from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 
 _MAX_ANGLE_RAD = math.radians(110.0)
@@ -48,6 +46,7 @@ class FisheyeCamera:
     base_from_camera: Pose3
     use_attitude: bool = True
     largest_angle_rad: float = field(init=False)
+    model: ClassVar[str] = "fisheye"
 
     def __post_init__(self) -> None:
         mounted.check_lens(self, "k1, k2, k3, k4")
@@ -57,15 +56,9 @@ class FisheyeCamera:
         corner = float(np.interp(mounted.corner_radius(self), radii[: growing + 1], angles[: growing + 1]))
         object.__setattr__(self, "largest_angle_rad", min(float(angles[growing]), _BEYOND_CORNERS * corner))
 
-    @property
-    def model(self) -> str:
-        """`fisheye`."""
-        return "fisheye"
-
     def camera_rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Unit vectors (N, 3) of pixels (N, 2) in the camera body frame; NaN where the distortion is not trusted."""
-        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-        seen = (uv - (self.cx, self.cy)) / (self.fx, self.fy)
+        seen = mounted.in_focal_lengths(self, pixels)
         radii = np.hypot(*seen.T)
         angles = self._undistorted(radii)
         aside = np.where(radii > 0.0, np.sin(angles) / np.where(radii > 0.0, radii, 1.0), 1.0)
@@ -77,8 +70,7 @@ class FisheyeCamera:
         angles = np.arctan2(aside, points[:, 0])
         angles = np.where(angles <= self.largest_angle_rad, angles, np.nan)
         ratios = np.where(aside > 0.0, self._distorted(angles) / np.where(aside > 0.0, aside, 1.0), 0.0 * angles)
-        pixels: FloatArray = -points[:, 1:] * ratios[:, np.newaxis] * (self.fx, self.fy) + (self.cx, self.cy)
-        return pixels
+        return mounted.in_pixels(self, -points[:, 1:] * ratios[:, np.newaxis])
 
     def plane_radius(self, angles_rad: FloatArray) -> FloatArray:
         """Angles (N,) to the optical axis themselves: a focal length scales these."""
@@ -111,9 +103,4 @@ class FisheyeCamera:
 
 def fisheye_from_mapping(tree: Mapping[str, Any], path: Path) -> FisheyeCamera:
     """A FisheyeCamera from the content of a camera.yaml; `path` is named in errors."""
-    with naming_lines(path):
-        values = mounted.read_lens(tree, path, "a fisheye camera", 4)
-        try:
-            return FisheyeCamera(*values)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+    return mounted.lens_camera(FisheyeCamera, tree, path, "a fisheye camera", 4)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -19,6 +19,7 @@ from touchline.camera.base import Camera, Mask, ground_jacobian, ground_of_rays,
 from touchline.camera.reading import (
     check_inner_keys,
     check_keys,
+    naming_lines,
     read_image_size,
     read_number,
     read_numbers,
@@ -51,15 +52,12 @@ class LensCamera(Camera, Protocol):
 
     def camera_rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Unit vectors (N, 3) of pixels (N, 2) in the camera body frame; NaN where the lens is not trusted."""
-        ...
 
     def image_from_camera(self, points: FloatArray) -> FloatArray:
         """Pixels (N, 2) of points or directions (N, 3) in the camera body frame; NaN where the lens is not trusted."""
-        ...
 
     def plane_radius(self, angles_rad: FloatArray) -> FloatArray:
         """What a lens without distortion and with a focal length of 1 makes of angles (N,) to the optical axis."""
-        ...
 
 
 Lens = TypeVar("Lens", bound=LensCamera)
@@ -110,6 +108,17 @@ def sees(camera: LensCamera, pixels: FloatArray) -> Mask:
     return inside
 
 
+def in_focal_lengths(camera: LensCamera, pixels: npt.ArrayLike) -> FloatArray:
+    """Pixels (N, 2) from the principal point, in focal lengths: where the lens shows them on its plane."""
+    uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+    return np.asarray((uv - (camera.cx, camera.cy)) / (camera.fx, camera.fy))
+
+
+def in_pixels(camera: LensCamera, plane: FloatArray) -> FloatArray:
+    """The inverse of `in_focal_lengths`."""
+    return np.asarray(plane * (camera.fx, camera.fy) + (camera.cx, camera.cy))
+
+
 def check_lens(camera: LensCamera, coefficients: str) -> None:
     """Raises InputError for a size or focal length that is not positive and for a camera at or below the ground.
 
@@ -131,8 +140,8 @@ def check_lens(camera: LensCamera, coefficients: str) -> None:
 
 def corner_radius(camera: LensCamera) -> float:
     """How far the image's farthest corner is from the principal point, in focal lengths."""
-    corners = np.array([(u, v) for u in (-0.5, camera.width - 0.5) for v in (-0.5, camera.height - 0.5)])
-    return float(np.hypot(*((corners - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).T).max())
+    corners = [(u, v) for u in (-0.5, camera.width - 0.5) for v in (-0.5, camera.height - 0.5)]
+    return float(np.hypot(*in_focal_lengths(camera, corners).T).max())
 
 
 def corrected(camera: Lens, errors: FloatArray, angles_rad: FloatArray) -> Lens:
@@ -167,8 +176,28 @@ def _turn(roll: float, pitch: float) -> FloatArray:
     return turn
 
 
-def read_lens(tree: Mapping[str, Any], path: Path, what: str, coefficients: int, optional: tuple[str, ...] = ()) -> Any:
-    """width, height, fx, fy, cx, cy, distortion, mount and use_attitude of a camera.yaml; `path` is named in errors."""
+def lens_camera(
+    kind: Callable[..., Lens],
+    tree: Mapping[str, Any],
+    path: Path,
+    what: str,
+    coefficients: int,
+    optional: tuple[str, ...] = (),
+) -> Lens:
+    """A camera from the content of a camera.yaml; `path` is named in errors. coefficients: of the distortion.
+
+    optional: keys that are read elsewhere.
+    """
+    with naming_lines(path):
+        values = _read_lens(tree, path, what, coefficients, optional)
+        try:
+            return kind(*values)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+
+def _read_lens(tree: Mapping[str, Any], path: Path, what: str, coefficients: int, optional: tuple[str, ...]) -> Any:
+    """width, height, fx, fy, cx, cy, distortion, mount and use_attitude."""
     check_keys(tree, _KEYS, ("distortion", "use_attitude", *optional), path, what)
     width, height = read_image_size(tree, path)
     numbers = (read_number(tree[key], path, key) for key in LENS_KEYS)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,6 @@ from touchline.camera.reading import (
 )
 from touchline.camera.uncertainty import CameraUncertainty, read_uncertainty, usual_uncertainty
 from touchline.errors import InputError
-from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose3
 from touchline.messages import shown
 
@@ -73,6 +72,7 @@ class OmniCamera:
     # u0, v0, handedness, yaw, first radius, step, last radius, cosine and sine of the yaw
     lookup_table: FloatArray = field(init=False, repr=False)
     lookup_constants: FloatArray = field(init=False, repr=False)
+    model: ClassVar[str] = "omni"
 
     def __post_init__(self) -> None:
         radii, ranges, yaw = self.radius_px, self.range_m, self.mount_yaw_rad
@@ -93,11 +93,6 @@ class OmniCamera:
             "lookup_constants",
             np.array([*self.center, self.handedness, yaw, radii[0], _STEP_PX, radii[-1], np.cos(yaw), np.sin(yaw)]),
         )
-
-    @property
-    def model(self) -> str:
-        """`omni`."""
-        return "omni"
 
     @property
     def uncertainty(self) -> CameraUncertainty:
@@ -144,10 +139,6 @@ class OmniCamera:
             xy = np.ascontiguousarray(self._ground_if_upright(xy, base_from_camera))
         return pixels_from_ground(xy, self.lookup_constants, self.bearings_rad, self.lookup_table)
 
-    def ground_jacobian(self, pixels: npt.ArrayLike) -> FloatArray:
-        """(N, 2, 2) derivative of the ground point (m) by the pixel; see `camera.base.ground_jacobian`."""
-        return ground_jacobian(self.ground_from_image, pixels)
-
     def ground_covariances(
         self, pixels: npt.ArrayLike, noise_px: float, noise_m: float, base_from_camera: Pose3 | None = None
     ) -> FloatArray:
@@ -172,12 +163,6 @@ class OmniCamera:
         depth = np.where(seen[:, 2] < 0.0, -seen[:, 2], np.nan)
         upright: FloatArray = seen[:, :2] * (height / depth)[:, np.newaxis]
         return upright
-
-    @classmethod
-    def load(cls, path: str | Path) -> OmniCamera:
-        """Read a camera.yaml with `model: omni`. Raises InputError naming file and key for anything wrong in it."""
-        path = Path(path)
-        return omni_from_mapping(read_yaml_mapping(path), path)
 
 
 def require_omni(camera: Camera, purpose: str) -> OmniCamera:

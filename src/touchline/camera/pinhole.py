@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,6 @@ import numpy.typing as npt
 from touchline.camera import mounted
 from touchline.camera.imu_correction import ImuCorrection, correction_from_mapping, correction_mapping
 from touchline.camera.reading import naming_lines
-from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 
 _MIN_DEPTH_M = 1e-6
@@ -52,46 +51,31 @@ class PinholeCamera:
     use_attitude: bool = True
     imu_correction: ImuCorrection | None = None
     largest_radius: float = field(init=False)
+    model: ClassVar[str] = "pinhole"
 
     def __post_init__(self) -> None:
         mounted.check_lens(self, "k1, k2, p1, p2, k3")
         object.__setattr__(self, "largest_radius", self._trusted_radius())
 
-    @property
-    def model(self) -> str:
-        """`pinhole`."""
-        return "pinhole"
-
     def camera_rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Unit vectors (N, 3) of pixels (N, 2) in the camera body frame; NaN where the distortion is not trusted."""
-        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-        seen = (uv - (self.cx, self.cy)) / (self.fx, self.fy)
-        plane = self._undistorted(seen)
+        plane = self._undistorted(mounted.in_focal_lengths(self, pixels))
         rays = np.column_stack((np.ones(len(plane)), -plane))
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays
 
     def undistorted(self, pixels: npt.ArrayLike) -> FloatArray:
         """Where a lens without distortion would show pixels (N, 2); NaN where the distortion is not trusted."""
-        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-        moved: FloatArray = self._undistorted((uv - (self.cx, self.cy)) / (self.fx, self.fy))
-        return moved * (self.fx, self.fy) + (self.cx, self.cy)
+        return mounted.in_pixels(self, self._undistorted(mounted.in_focal_lengths(self, pixels)))
 
     def distorted(self, pixels: npt.ArrayLike) -> FloatArray:
         """The inverse of `undistorted`."""
-        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-        plane = (uv - (self.cx, self.cy)) / (self.fx, self.fy)
-        plane[~(np.hypot(*plane.T) <= self.largest_radius)] = np.nan
-        moved: FloatArray = self._distorted(plane) * (self.fx, self.fy) + (self.cx, self.cy)
-        return moved
+        return self._shown(mounted.in_focal_lengths(self, pixels))
 
     def image_from_camera(self, points: FloatArray) -> FloatArray:
         """Pixels (N, 2) u, v of points (N, 3) in the camera body frame; NaN behind it and far outside the image."""
         depth = np.where(points[:, 0] > _MIN_DEPTH_M, points[:, 0], np.nan)
-        plane = -points[:, 1:] / depth[:, np.newaxis]
-        plane[~(np.hypot(*plane.T) <= self.largest_radius)] = np.nan
-        pixels: FloatArray = self._distorted(plane) * (self.fx, self.fy) + (self.cx, self.cy)
-        return pixels
+        return self._shown(-points[:, 1:] / depth[:, np.newaxis])
 
     def plane_radius(self, angles_rad: FloatArray) -> FloatArray:
         """Tangents (N,) of angles (N,) to the optical axis: a focal length scales these."""
@@ -100,6 +84,11 @@ class PinholeCamera:
     ray, sees, corrected = mounted.ray, mounted.sees, mounted.corrected
     ground_from_image, ground_covariances = mounted.ground_from_image, mounted.ground_covariances
     image_from_ground, image_from_base = mounted.image_from_ground, mounted.image_from_base
+
+    def _shown(self, plane: FloatArray) -> FloatArray:
+        """Pixels (N, 2) of x, y (N, 2) at unit depth; NaN beyond `largest_radius`."""
+        plane[~(np.hypot(*plane.T) <= self.largest_radius)] = np.nan
+        return mounted.in_pixels(self, self._distorted(plane))
 
     def _distorted(self, plane: FloatArray) -> FloatArray:
         """Where the lens puts x, y (N, 2) at unit depth."""
@@ -150,18 +139,12 @@ class PinholeCamera:
 
 def pinhole_from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
     """A PinholeCamera from the content of a camera.yaml; `path` is named in errors."""
-    with naming_lines(path):
-        return _from_mapping(tree, path)
-
-
-def _from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
-    values = mounted.read_lens(tree, path, "a pinhole camera", 5, ("imu_correction",))
+    camera = mounted.lens_camera(PinholeCamera, tree, path, "a pinhole camera", 5, ("imu_correction",))
     learned = tree.get("imu_correction")
-    correction = None if learned is None else correction_from_mapping(learned, path)
-    try:
-        return replace(PinholeCamera(*values), imu_correction=correction)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    if learned is None:
+        return camera
+    with naming_lines(path):
+        return replace(camera, imu_correction=correction_from_mapping(learned, path))
 
 
 def pinhole_mapping(camera: PinholeCamera) -> dict[str, Any]:

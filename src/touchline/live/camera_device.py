@@ -18,11 +18,9 @@ class Grabber(Protocol):
 
     def grab(self) -> ImageArray:
         """The next image (H, W, 3) BGR. Raises TouchlineError if there is none any more."""
-        ...
 
     def close(self) -> None:
         """Let go of it."""
-        ...
 
 
 class WithCamera:

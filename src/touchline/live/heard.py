@@ -66,20 +66,16 @@ class Link(Protocol):
 
     def hear(self, timeout_s: float) -> list[Heard]:
         """What has come, after waiting for it as long as that. What is no message is left out and counted."""
-        ...
 
     def tell(self, told: Told) -> None:
         """Send an estimate. Nobody has to listen."""
-        ...
 
     @property
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
-        ...
 
     def close(self) -> None:
         """Let go of the link."""
-        ...
 
 
 class Picture(NamedTuple):
@@ -96,8 +92,6 @@ class Robot(Protocol):
 
     def send(self, event: Reading | Picture) -> None:
         """Send a sample or an image. Nobody has to listen."""
-        ...
 
     def close(self) -> None:
         """Let go of the link."""
-        ...

@@ -8,7 +8,6 @@ from touchline.config import Settings
 from touchline.geometry import wrap_angle
 from touchline.motion.gyro import IntegratedGyro
 from touchline.motion.samples import NANOSECONDS, SampleHistory
-from touchline.types import Samples
 
 # time over which the compass's own turning rate is taken to bridge the lag without a gyro: long enough to average its
 # noise of half a degree
@@ -31,30 +30,13 @@ class CompassTrackSettings(Settings):
 
 
 class Compass:
-    """The compass headings of the last seconds."""
+    """The compass headings of the last seconds. samples: yaw (rad, field frame)."""
 
     def __init__(self, settings: CompassTrackSettings, gyro: IntegratedGyro) -> None:
         """gyro: tells the turning rate while the compass has not reported yet."""
         self.settings = settings
         self.samples = SampleHistory(columns=1, angles=(0,))
         self.gyro = gyro
-
-    @property
-    def dropped(self) -> int:
-        """Samples that were left out: no number or too large, or not later than the newest."""
-        return self.samples.dropped
-
-    def add(self, samples: Samples) -> None:
-        """Append samples: yaw (rad, field frame)."""
-        self.samples.add(samples)
-
-    def forget_before(self, stamp_ns: int) -> None:
-        """Forget what isn't needed to look up headings from a stamp on."""
-        self.samples.forget_before(stamp_ns)
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self.samples.clear()
 
     def heading_at(self, stamp_ns: int) -> float | None:
         """The compass heading (rad, field frame, uncorrected) at a stamp; None if there's no recent sample.

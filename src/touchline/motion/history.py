@@ -64,9 +64,9 @@ class MotionHistory:
         self.attitude = SampleHistory(columns=2)
         self.wheels: WheelOdometry | None = None
         self._sensors: dict[str, Sensor] = {
-            "odometry": self.odometry,
+            "odometry": self.odometry.samples,
             "gyro": self.gyro,
-            "compass": self.compass,
+            "compass": self.compass.samples,
             "attitude": self.attitude,
         }
         if wheels is not None:
@@ -84,11 +84,9 @@ class MotionHistory:
                 "out of order is stepped through an OrderedSystem"
             )
         self.clocks.frame_ns = frame.stamp_ns
-        self._take("odometry", frame.odometry)
-        self._take("wheels", frame.wheels)
-        self._take("gyro", frame.gyro)
-        self._take("compass", frame.compass)
-        self._take("attitude", frame.tilt)
+        sensors = frame.odometry, frame.wheels, frame.gyro, frame.compass, frame.tilt
+        for name, samples in zip(("odometry", "wheels", "gyro", "compass", "attitude"), sensors, strict=True):
+            self._take(name, samples)
         if newest_ns is not None:
             for sensor in self._sensors.values():
                 sensor.forget_before(newest_ns - _KEPT_NS)

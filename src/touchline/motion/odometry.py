@@ -11,7 +11,6 @@ from pydantic import Field
 from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
-from touchline.types import Samples
 
 TRAVEL_NOISE_M = 0.02  # random position error after one metre, growing with the root of the travel
 TRAVEL_NOISE_RAD = 0.01  # random heading error after one metre, growing with the root of the travel
@@ -51,28 +50,14 @@ class Motion(NamedTuple):
 
 
 class Odometry:
-    """The odometry of the last seconds: dead reckoning by the robot itself, from driven wheels or steps."""
+    """The odometry of the last seconds: dead reckoning by the robot itself, from driven wheels or steps.
+
+    samples: x, y, theta (m, m, rad; odometry frame).
+    """
 
     def __init__(self, settings: OdometrySettings) -> None:
         self.settings = settings
         self.samples = SampleHistory(columns=3, angles=(2,))
-
-    @property
-    def dropped(self) -> int:
-        """Samples that were left out: no number or too large, or not later than the newest."""
-        return self.samples.dropped
-
-    def add(self, samples: Samples) -> None:
-        """Append samples x, y, theta (m, m, rad; odometry frame)."""
-        self.samples.add(samples)
-
-    def forget_before(self, stamp_ns: int) -> None:
-        """Forget what isn't needed to look up poses from a stamp on."""
-        self.samples.forget_before(stamp_ns)
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self.samples.clear()
 
     def between(self, start_ns: int, end_ns: int) -> Motion:
         """The robot's motion from one stamp to a later one."""

@@ -22,25 +22,21 @@ class Detector(Protocol):
     @property
     def learns_colours(self) -> bool:
         """Whether the first images teach it its colours."""
-        ...
 
     def observe(self, frame: Frame) -> Observation:
         """What the image of a frame shows; `problem` says why nothing could be seen, if so.
 
         Raises InputError for an image of another size than the camera's, and for a frame without one.
         """
-        ...
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step by which `observe` would take an image (H, W, 3) now.
 
         Raises TouchlineError where nothing can be seen.
         """
-        ...
 
     def reset(self) -> None:
         """Forget what earlier images have taught."""
-        ...
 
 
 def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.inf) -> Observation:
@@ -88,12 +84,27 @@ def with_lean(points: LinePoints, frame: Frame, camera: Camera, noise_px: float,
     """
     if not camera.use_attitude:
         return points
-    lean = (None, None) if frame.tilt is None or not len(frame.tilt) else frame.tilt.values[-1]
-    pose = pose_in_base(camera, frame.base_from_camera, *lean)
+    pose = pose_in_base(camera, frame.base_from_camera, *lean_of(frame))
     if pose is None:
         return points
     covariances = camera.ground_covariances(points.pixels, noise_px, noise_m, pose)
     return replace(points, positions_m=camera.ground_from_image(points.pixels, pose), covariances_m2=covariances)
+
+
+def lean_of(frame: Frame) -> tuple[float | None, float | None]:
+    """The newest roll and pitch (rad) of a frame; None, None where nothing tells."""
+    if frame.tilt is None or not len(frame.tilt):
+        return None, None
+    roll, pitch = frame.tilt.values[-1].tolist()
+    return roll, pitch
+
+
+def image_of(frame: Frame, camera: Camera) -> ImageArray:
+    """A frame's image. Raises InputError for one of another size than the camera's, and for a frame without one."""
+    if frame.image is None:
+        raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
+    check_size(frame.image, camera)
+    return frame.image
 
 
 def check_size(image: ImageArray, camera: Camera) -> None:

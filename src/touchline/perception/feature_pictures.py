@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import GroundView
 from touchline.geometry import FloatArray
 from touchline.messages import counted
-from touchline.perception.stages import Legend, Paint
+from touchline.perception.stages import SHIFT, Legend, Paint, fixed_point
 from touchline.types import CrossingKind, ImageArray, LandmarkKind, Observation
 
 LINE_PAINT, CROSSING_PAINT, LANDMARK_PAINT = (0, 225, 255), (50, 50, 255), (255, 255, 255)  # BGR
@@ -31,7 +30,6 @@ _ARMS_RAD = {  # from the orientation of `Crossings`
     CrossingKind.T.value: (0.0, 0.5 * math.pi, -0.5 * math.pi),
     CrossingKind.X.value: (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi),
 }
-_SHIFT = 4  # OpenCV draws with 4 binary digits below the pixel
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -122,15 +120,9 @@ def _draw_path(canvas: Canvas, pixels: FloatArray, paint: Paint, width: int) -> 
     """A path (N, 2) of image positions, broken where it leaves the image."""
     seen = canvas.view.sees(pixels)
     pieces = np.split(np.arange(len(pixels)), np.flatnonzero(~(seen[:-1] & seen[1:])) + 1)
-    fixed = [_fixed(canvas, pixels[piece]) for piece in pieces if len(piece) > 1]
+    fixed = [fixed_point(pixels[piece], canvas.zoom) for piece in pieces if len(piece) > 1]
     for color, thickness in ((_DARK, (width + 1) * canvas.zoom), (paint, width * canvas.zoom)):
-        cv2.polylines(canvas.picture, fixed, False, color, thickness, cv2.LINE_AA, _SHIFT)
-
-
-def _fixed(canvas: Canvas, pixels: FloatArray) -> npt.NDArray[np.int32]:
-    enlarged = (pixels + 0.5) * canvas.zoom - 0.5
-    numbers: npt.NDArray[np.int32] = np.round(enlarged * 2**_SHIFT).astype(np.int32)
-    return numbers
+        cv2.polylines(canvas.picture, fixed, False, color, thickness, cv2.LINE_AA, SHIFT)
 
 
 def _place(canvas: Canvas, pixel: FloatArray) -> tuple[int, int] | None:

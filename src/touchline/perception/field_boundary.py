@@ -60,11 +60,6 @@ def green_ends(
 
 
 @njit(cache=True)
-def _darkest(colour):  # type: ignore[no-untyped-def]
-    return min(colour[0], colour[1], colour[2])
-
-
-@njit(cache=True)
 def inside_green(
     crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margin_px: float
 ) -> npt.NDArray[np.bool_]:

@@ -24,7 +24,7 @@ from touchline.config import Settings, added
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
-from touchline.perception.detector import check_size, with_lean
+from touchline.perception.detector import check_size, image_of, with_lean
 from touchline.perception.hsv_thresholds import (
     AutomaticThresholds,
     FixedThresholds,
@@ -148,10 +148,8 @@ class HsvLineDetector:
 
     def observe(self, frame: Frame) -> Observation:
         """Line points of a frame's image, none where no carpet is seen. Raises InputError for one of another size."""
-        if frame.image is None:
-            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
         try:
-            points = self.detect(frame.image)
+            points = self.detect(image_of(frame, self.camera))
         except NoCarpetError as error:
             return Observation(frame.stamp_ns, problem=str(error))
         return Observation(frame.stamp_ns, with_lean(points, frame, self.camera, self.settings.noise_px, NOISE_M))

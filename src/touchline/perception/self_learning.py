@@ -6,10 +6,9 @@ from pydantic import Field
 
 from touchline.camera import Camera
 from touchline.config import Settings, added
-from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
-from touchline.perception.detector import check_size, with_lean
+from touchline.perception.detector import image_of, with_lean
 from touchline.perception.line_points import NOISE_M, LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, Observation
 
@@ -17,6 +16,27 @@ FADED_GREEN = 0.6  # share of the usual green below which the light is believed 
 # images in a row with faded green before the colours are learned again: a robot that hides the view for a moment
 # changes nothing
 FADED_FRAMES = 5
+
+
+class GreenWatch:
+    """Tells when much less of what is seen is green than usual, for some images in a row."""
+
+    def __init__(self) -> None:
+        self._usual, self._faded = 0.0, 0
+
+    def is_faded(self, share: float) -> bool:
+        """Whether the green has faded in an image, of which this share is green."""
+        if share < FADED_GREEN * self._usual:
+            self._faded += 1
+            return True
+        self._faded = 0
+        self._usual += 0.1 * (share - self._usual) if self._usual else share
+        return False
+
+    @property
+    def has_faded(self) -> bool:
+        """Whether that has gone on for so long that the light must have changed."""
+        return self._faded >= FADED_FRAMES
 
 
 class LearningPaper(Settings):
@@ -76,16 +96,12 @@ class SelfLearningDetector:
     def _begin_anew(self) -> None:
         """Learn from the next images; the old colours serve until then."""
         self._images: list[ImageArray] = []
-        self._usual_green = 0.0
-        self._faded = 0
+        self._green = GreenWatch()
         self._faded_image: ImageArray | None = None
 
     def observe(self, frame: Frame) -> Observation:
         """Line points of a frame's image, none where no carpet is seen. Raises InputError for one of another size."""
-        image, problem = frame.image, None
-        if image is None:
-            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
-        check_size(image, self.detector.camera)  # before it is kept to learn from
+        image, problem = image_of(frame, self.detector.camera), None
         if self._faded_image is not None:
             self._learn(self._faded_image)
             self._faded_image = None
@@ -120,14 +136,8 @@ class SelfLearningDetector:
         return None
 
     def _watch_green(self, image: ImageArray) -> None:
-        share = self.detector.green_share
-        if share < FADED_GREEN * self._usual_green:
-            self._faded += 1
-            if 1 < len(self._images) < self.settings.frames:
-                self._images.pop()  # broken, or hardly any field in it: not to be learned from with the others
-        else:
-            self._faded = 0
-            self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
-        if self._faded >= FADED_FRAMES:
+        if self._green.is_faded(self.detector.green_share) and 1 < len(self._images) < self.settings.frames:
+            self._images.pop()  # broken, or hardly any field in it: not to be learned from with the others
+        if self._green.has_faded:
             self._begin_anew()
             self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave

@@ -17,6 +17,8 @@ Legend = list[tuple[str, Paint]]
 """What each paint of a picture means."""
 GREEN_PAINT, WHITE_PAINT, BODY_PAINT = (70, 140, 50), (245, 245, 245), (90, 60, 120)
 RAY_PAINT, CIRCLE_PAINT, BOUNDARY_PAINT, POINT_PAINT = (200, 200, 60), (200, 120, 60), (40, 200, 255), (60, 60, 255)
+SHIFT = 4
+"""OpenCV draws with so many binary digits below the pixel."""
 _ZOOM = 2
 _LEGEND = 0.8 / 960.0  # of a picture's width: its words can be read where it is shown 440 px wide
 _PAPER, _INK, _RIM = 24, (235, 235, 235), (110, 110, 110)
@@ -30,10 +32,24 @@ def painted(image: ImageArray, *layers: tuple[npt.NDArray[np.bool_], Paint]) -> 
     return picture
 
 
-def enlarged(image: ImageArray) -> ImageArray:
-    """The image at twice its size, for what is finer than a pixel."""
-    large: ImageArray = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
-    return large
+def enlarged(image: ImageArray, zoom: float = _ZOOM) -> ImageArray:
+    """The image at twice its size, or so many times, for what is finer than a pixel."""
+    return cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+
+
+def fixed_point(pixels: FloatArray, zoom: float) -> npt.NDArray[np.int32]:
+    """Pixels (N, 2) in an enlarged image as OpenCV's fixed-point numbers; pixel centres stay pixel centres."""
+    numbers: npt.NDArray[np.int32] = np.round(((pixels + 0.5) * zoom - 0.5) * 2**SHIFT).astype(np.int32)
+    return numbers
+
+
+def titled(panel: ImageArray, title: str, size: int) -> ImageArray:
+    """A panel in the corner of a square of this size (px), under its title."""
+    square: ImageArray = np.full((size + 40, size, 3), _PAPER, dtype=np.uint8)
+    height, width = min(panel.shape[0], size), min(panel.shape[1], size)
+    square[40 : 40 + height, :width] = panel[:height, :width]
+    cv2.putText(square, title, (12, 27), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
+    return square
 
 
 def draw_paths(picture: ImageArray, paths: Iterable[FloatArray], paint: Paint, closed: bool, width: int = 1) -> None:

@@ -61,7 +61,7 @@ class Eyes(NamedTuple):
 
 
 class Simulation:
-    """A source of frames (`touchline.sources.Source`) that are made while they are asked for.
+    """A source of frames like a `touchline.sources.Recording` that are made while they are asked for.
 
     Every pass over it gives the same frames again, unless the exposure is set otherwise on the way:
 

@@ -11,7 +11,7 @@ from touchline.sources.bags.roles import BagOptions
 from touchline.sources.folder import SENSOR_FILES, Recording
 from touchline.sources.other_files import refuse_other_files
 from touchline.sources.problems import Problem, ProblemKind, ProblemLog
-from touchline.sources.source import Source, Truth
+from touchline.sources.source import Truth
 
 __all__ = [
     "SENSOR_FILES",
@@ -20,7 +20,6 @@ __all__ = [
     "ProblemKind",
     "ProblemLog",
     "Recording",
-    "Source",
     "Truth",
     "is_recording",
     "open_source",

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose
-from touchline.sources.problems import ProblemLog
 from touchline.sources.tables import StampArray
-from touchline.types import Frame, Samples
+from touchline.types import Samples
 
 if TYPE_CHECKING:
-    from touchline.camera import Camera
-    from touchline.field import FieldModel
+    pass
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,59 +43,3 @@ class Truth:
     def nearest(self, stamp_ns: int) -> Pose:
         """The pose whose stamp is nearest."""
         return self[self.nearest_index(stamp_ns)]
-
-
-class Source(Protocol):
-    """Frames in the order of time, with what is known about where they come from."""
-
-    @property
-    def name(self) -> str:
-        """What the recording is called."""
-
-    @property
-    def rate_hz(self) -> float:
-        """Nominal image rate."""
-
-    @property
-    def sequence(self) -> Mapping[str, Any]:
-        """The description as it was written (sequence.yaml)."""
-
-    @property
-    def field(self) -> FieldModel:
-        """The marked field."""
-
-    @property
-    def camera_kind(self) -> str:
-        """`omni`, `pinhole`, `fisheye` or `none`."""
-
-    @property
-    def camera_file(self) -> Path | None:
-        """The camera model's file, if there is one."""
-
-    @property
-    def camera(self) -> Camera:
-        """The camera model; InputError if there is none."""
-
-    @property
-    def wheel_directions_rad(self) -> tuple[float, float] | None:
-        """Rolling directions of the measuring wheels a and b in the robot frame; None where nobody says."""
-
-    @property
-    def truth(self) -> Truth | None:
-        """The true poses, where they are known. For evaluation only."""
-
-    @property
-    def events(self) -> Sequence[Mapping[str, Any]]:
-        """What happened (slip, kidnap, …). For evaluation only."""
-
-    @property
-    def problems(self) -> ProblemLog:
-        """What was odd so far: at opening, and during the latest pass over the frames."""
-
-    @property
-    def image_stamps(self) -> StampArray:
-        """Stamps of all frames (ns), int64 (N,)."""
-
-    def __len__(self) -> int: ...
-
-    def __iter__(self) -> Iterator[Frame]: ...

@@ -6,7 +6,7 @@ Everything is in the robot frame: x forward, y left, metres. Arrays are not copi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache
@@ -54,8 +54,8 @@ class _Seen:
     def __len__(self) -> int:
         return len(getattr(self, next(iter(self.SHAPES))))
 
-    def _rows(self, kept: npt.NDArray[np.bool_]) -> Self:
-        """Those rows alone; itself if that is all."""
+    def rows(self, kept: npt.NDArray[np.bool_]) -> Self:
+        """The rows of a mask (N,) alone; itself if that is all."""
         if kept.all():
             return self
         rows: dict[str, Any] = {}
@@ -63,6 +63,13 @@ class _Seen:
             column = getattr(self, each.name)
             rows[each.name] = column[kept] if isinstance(column, np.ndarray) else tuple(compress(column, kept))
         return replace(self, **rows)
+
+    @classmethod
+    def joined(cls, tables: Sequence[Self]) -> Self:
+        """All rows of all tables."""
+        columns = ([getattr(table, each.name) for table in tables] for each in fields(cls))
+        rows: list[Any] = [sum(c, ()) if isinstance(c[0], tuple) else np.concatenate(c) for c in columns]
+        return cls(*rows)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -96,7 +103,7 @@ class LinePoints(_Seen):
         """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
         if _all_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m):
             return self
-        return self._rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
+        return self.rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
 
 
 def _measured(
@@ -190,7 +197,7 @@ class Lines(_Seen):
         both = [
             _measured(self.ends_m[:, end], self.covariances_m2[:, end], self.confidences, max_range_m) for end in (0, 1)
         ]
-        return self._rows(both[0] & both[1])
+        return self.rows(both[0] & both[1])
 
 
 @cache
@@ -233,7 +240,7 @@ class Crossings(_Seen):
     def usable(self, max_range_m: float = math.inf) -> Crossings:
         """Those that are measurements, as `LinePoints.usable` says."""
         measured = _measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m)
-        return self._rows(measured & ~np.isinf(self.orientations_rad))
+        return self.rows(measured & ~np.isinf(self.orientations_rad))
 
 
 @cache
@@ -281,7 +288,7 @@ class Landmarks(_Seen):
 
     def usable(self, max_range_m: float = math.inf) -> Landmarks:
         """Those that are measurements, as `LinePoints.usable` says."""
-        return self._rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
+        return self.rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
 
 
 @cache

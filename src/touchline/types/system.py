@@ -67,8 +67,6 @@ class System(Protocol):
         Raises ValueError for a frame that is older than the last one; pose and motion stay as they were. Whoever can't
         rule such frames out steps a `systems.ordered.OrderedSystem`.
         """
-        ...
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
-        ...

@@ -20,7 +20,7 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.feature_model import FeatureModel
 from touchline.localization.registration.features import FeaturePaper, Features
 from touchline.perception.feature_pictures import CROSSING_PAINT, LANDMARK_PAINT, LINE_PAINT, label, landmark_name
-from touchline.perception.stages import Legend, Paint, with_legend
+from touchline.perception.stages import SHIFT, Legend, Paint, with_legend
 from touchline.systems import LocalizationSystem
 from touchline.systems.nimbro_lines import NimbroLines
 from touchline.systems.touchline import Touchline
@@ -33,7 +33,6 @@ _STEP_M, _HEADINGS = 0.25, 48
 _BEYOND_M = 0.5
 _MIN_LIKELIHOOD = 0.02  # likelihood, beside the highest, that is drawn
 _SIDE_PX = 1200
-_SHIFT = 4
 
 
 class Belief(NamedTuple):
@@ -116,41 +115,41 @@ def _draw_belief(picture: ImageArray, view: FieldView, belief: Belief) -> None:
             continue
         size = reach * math.sqrt(float(likelihood))
         nose = (x + 2.0 * size * math.cos(heading), y + 2.0 * size * math.sin(heading))
-        radius = round(size * view.pixels_per_metre * 2**_SHIFT)
+        radius = round(size * view.pixels_per_metre * 2**SHIFT)
         at, to = _fixed(view, np.array([[x, y], nose]))
-        cv2.circle(picture, at, radius, BELIEF_COLOR, -1, cv2.LINE_AA, _SHIFT)
-        cv2.line(picture, at, to, BELIEF_COLOR, 2, cv2.LINE_AA, _SHIFT)
+        cv2.circle(picture, at, radius, BELIEF_COLOR, -1, cv2.LINE_AA, SHIFT)
+        cv2.line(picture, at, to, BELIEF_COLOR, 2, cv2.LINE_AA, SHIFT)
 
 
 def _draw_particles(picture: ImageArray, view: FieldView, particles: FloatArray) -> None:
     heading = np.column_stack((np.cos(particles[:, 2]), np.sin(particles[:, 2])))
     for start, end in zip(_fixed(view, particles[:, :2]), _fixed(view, particles[:, :2] + 0.12 * heading), strict=True):
-        cv2.line(picture, start, end, PARTICLE_COLOR, 1, cv2.LINE_AA, _SHIFT)
-        cv2.circle(picture, start, 2 * 2**_SHIFT, PARTICLE_COLOR, -1, cv2.LINE_AA, _SHIFT)
+        cv2.line(picture, start, end, PARTICLE_COLOR, 1, cv2.LINE_AA, SHIFT)
+        cv2.circle(picture, start, 2 * 2**SHIFT, PARTICLE_COLOR, -1, cv2.LINE_AA, SHIFT)
 
 
 def _draw_features(picture: ImageArray, view: FieldView, pose: Pose, seen: Observation) -> None:
     for ends in seen.lines.ends_m:
         start, end = _fixed(view, pose.transform(ends))
-        cv2.line(picture, start, end, LINE_PAINT, 3, cv2.LINE_AA, _SHIFT)
+        cv2.line(picture, start, end, LINE_PAINT, 3, cv2.LINE_AA, SHIFT)
     kinds = seen.crossings.kinds.tolist() + [landmark_name(kind) for kind in seen.landmarks.kinds.tolist()]
     paints = [CROSSING_PAINT] * len(seen.crossings) + [LANDMARK_PAINT] * len(seen.landmarks)
     places = np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
     for kind, paint, place in zip(kinds, paints, _fixed(view, pose.transform(places)), strict=True):
-        cv2.circle(picture, place, 7 * 2**_SHIFT, paint, 2, cv2.LINE_AA, _SHIFT)
-        label(picture, (place[0] >> _SHIFT, place[1] >> _SHIFT), kind, (255, 255, 255))
+        cv2.circle(picture, place, 7 * 2**SHIFT, paint, 2, cv2.LINE_AA, SHIFT)
+        label(picture, (place[0] >> SHIFT, place[1] >> SHIFT), kind, (255, 255, 255))
 
 
 def _draw_robot(picture: ImageArray, view: FieldView, pose: Pose, paint: Paint, name: str) -> None:
     start, end = _fixed(view, pose.transform(np.array([[0.0, 0.0], [0.6, 0.0]])))
-    radius = round(0.15 * view.pixels_per_metre * 2**_SHIFT)
-    cv2.circle(picture, start, radius, paint, 3, cv2.LINE_AA, _SHIFT)
-    cv2.arrowedLine(picture, start, end, paint, 3, cv2.LINE_AA, _SHIFT, 0.3)
+    radius = round(0.15 * view.pixels_per_metre * 2**SHIFT)
+    cv2.circle(picture, start, radius, paint, 3, cv2.LINE_AA, SHIFT)
+    cv2.arrowedLine(picture, start, end, paint, 3, cv2.LINE_AA, SHIFT, 0.3)
     if name:
-        label(picture, ((start[0] + radius) >> _SHIFT, start[1] >> _SHIFT), name, paint)
+        label(picture, ((start[0] + radius) >> SHIFT, start[1] >> SHIFT), name, paint)
 
 
 def _fixed(view: FieldView, places: npt.ArrayLike) -> list[tuple[int, int]]:
     """Places (N, 2) of the field as OpenCV's fixed-point numbers; what lies far outside stays near the picture."""
     pixels = np.clip(view.picture_from_field(places), -1e4, 1e4)
-    return [(int(u), int(v)) for u, v in np.round(pixels * 2**_SHIFT).astype(np.int64)]
+    return [(int(u), int(v)) for u, v in np.round(pixels * 2**SHIFT).astype(np.int64)]

@@ -18,6 +18,7 @@ from touchline.perception.colour import WHITE as IS_WHITE
 from touchline.perception.colour import ColourModel
 from touchline.perception.line_graph.colour_classes import CLASSES, GREEN, OTHER, WHITE, colour_codes
 from touchline.perception.line_graph.pictures import SHADES, UNCLASSIFIED
+from touchline.perception.stages import enlarged, titled
 from touchline.types import ImageArray
 from touchline.view.birds_eye import birds_eye_image
 
@@ -43,12 +44,12 @@ def mirror_picture(calibration: MirrorCalibration, image: ImageArray, sighting: 
         f"distance map and all {len(calibration.sightings)} directions": _distance_panel(calibration),
         "the same image laid out in metres; purple: true edges": ground,
     }
-    return np.hstack([_titled(panel, title, _MIRROR_SIDE) for title, panel in panels.items()])
+    return np.hstack([titled(panel, title, _MIRROR_SIDE) for title, panel in panels.items()])
 
 
 def _with_edges(image: ImageArray, sightings: list[Sighting]) -> ImageArray:
     scale = _MIRROR_SIDE / max(image.shape[:2])
-    canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+    canvas = enlarged(image, scale)
     for sighting in sightings:
         for u, v in sighting.pixels[np.isfinite(sighting.radii_px)]:
             at = (round((float(u) + 0.5) * scale), round((float(v) + 0.5) * scale))
@@ -98,7 +99,7 @@ def colour_picture(colours: ColourModel, image: ImageArray) -> ImageArray:
         "classes: green, white, black, coloured, other": _fitted(_painted(colours, image)[0], cv2.INTER_NEAREST),
         "the table: G in 16 steps; in each B down, R across": _fitted(_slices(colours), cv2.INTER_NEAREST),
     }
-    return np.hstack([_titled(panel, title, _COLOUR_SIDE) for title, panel in panels.items()])
+    return np.hstack([titled(panel, title, _COLOUR_SIDE) for title, panel in panels.items()])
 
 
 def _painted(colours: ColourModel, image: ImageArray) -> tuple[ImageArray, npt.NDArray[np.bool_]]:
@@ -128,12 +129,3 @@ def _fitted(image: ImageArray, interpolation: int) -> ImageArray:
     scale = _COLOUR_SIDE / max(image.shape[:2])
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=interpolation), dtype=np.uint8)
-
-
-def _titled(panel: ImageArray, title: str, size: int) -> ImageArray:
-    """A panel in the corner of a square of this size (px), under its title."""
-    square: ImageArray = np.full((size + 40, size, 3), 24, dtype=np.uint8)
-    height, width = min(panel.shape[0], size), min(panel.shape[1], size)
-    square[40 : 40 + height, :width] = panel[:height, :width]
-    cv2.putText(square, title, (12, 27), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (235, 235, 235), 1, cv2.LINE_AA)
-    return square

@@ -8,23 +8,20 @@ import numpy.typing as npt
 
 from touchline.camera import GroundView
 from touchline.field import FieldModel
+from touchline.field.drawing import FieldView
 from touchline.geometry import FloatArray, Pose
 from touchline.messages import counted
 from touchline.perception.feature_pictures import Canvas, draw_features
-from touchline.perception.stages import Legend, with_legend
+from touchline.perception.stages import SHIFT, Legend, enlarged, fixed_point, with_legend
 from touchline.types import ImageArray, LinePoints, Observation
 
 ON_LINE_M = 0.15  # a point this near to a line of the model counts as lying on it
 LINE_COLOR = (255, 90, 235)  # BGR, as all colours here: magenta, which no field, line or shirt has
 ON_LINE_COLOR = (255, 200, 0)
 OFF_LINE_COLOR = (0, 120, 255)
-UNRATED_COLOR = (255, 200, 0)
 _STEP_M = 0.05
 _MAX_STEP_PX = 40.0
-_SHIFT = 4  # OpenCV draws with 4 binary digits below the pixel
 _DARK = (20, 20, 20)
-
-IntArray = npt.NDArray[np.int32]
 
 
 def overlay_image(
@@ -42,11 +39,11 @@ def overlay_image(
     line of the model have another colour than the rest; their size grows with their confidence. Of an observation
     lines, crossings and landmarks are drawn, too.
     """
-    canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+    canvas = enlarged(image, scale)
     legend: Legend = []
     if field is not None and field_from_robot is not None:
         for line in projected_lines(view, field, field_from_robot):
-            cv2.polylines(canvas, [_fixed_point(line, scale)], False, LINE_COLOR, scale, cv2.LINE_AA, _SHIFT)
+            cv2.polylines(canvas, [fixed_point(line, scale)], False, LINE_COLOR, scale, cv2.LINE_AA, SHIFT)
         legend.append(("field lines at this pose", LINE_COLOR))
     features: Legend = []
     if isinstance(seen, Observation):
@@ -79,28 +76,26 @@ def _visible_pieces(view: GroundView, pixels: FloatArray) -> list[FloatArray]:
 def _draw_points(
     canvas: ImageArray, field: FieldModel | None, field_from_robot: Pose | None, points: LinePoints, scale: int
 ) -> Legend:
-    rated = field is not None and field_from_robot is not None
+    on_line: npt.NDArray[np.bool_] | None = None
     if field is not None and field_from_robot is not None:
         on_line = field.line_distances(field_from_robot.transform(points.positions_m)) <= ON_LINE_M
-    else:
-        on_line = np.ones(len(points), dtype=np.bool_)
-    near_color = ON_LINE_COLOR if rated else UNRATED_COLOR
-    drawable = np.flatnonzero(np.isfinite(points.pixels).all(axis=1))
-    for index in drawable:
-        center = _fixed_point(points.pixels[index : index + 1], scale)[0]
-        radius = round((1.0 + 0.7 * float(points.confidences[index])) * scale * 2**_SHIFT)
-        color = near_color if on_line[index] else OFF_LINE_COLOR
-        at = (int(center[0]), int(center[1]))
-        cv2.circle(canvas, at, radius + 2**_SHIFT, _DARK, -1, cv2.LINE_AA, _SHIFT)
-        cv2.circle(canvas, at, radius, color, -1, cv2.LINE_AA, _SHIFT)
-    if not rated:
-        return [(f"{len(points)} line points", UNRATED_COLOR)]
+    for index in np.flatnonzero(np.isfinite(points.pixels).all(axis=1)):
+        at = tuple(fixed_point(points.pixels[index], scale).tolist())
+        radius = round((1.0 + 0.7 * float(points.confidences[index])) * scale * 2**SHIFT)
+        color = ON_LINE_COLOR if on_line is None or on_line[index] else OFF_LINE_COLOR
+        cv2.circle(canvas, at, radius + 2**SHIFT, _DARK, -1, cv2.LINE_AA, SHIFT)
+        cv2.circle(canvas, at, radius, color, -1, cv2.LINE_AA, SHIFT)
+    if on_line is None:
+        return [(f"{len(points)} line points", ON_LINE_COLOR)]
     near = f"{int(on_line.sum())} points within {100 * ON_LINE_M:.0f} cm of a line"
     return [(near, ON_LINE_COLOR), (counted(int((~on_line).sum()), "other"), OFF_LINE_COLOR)]
 
 
-def _fixed_point(pixels: FloatArray, scale: int) -> IntArray:
-    """Pixels (N, 2) in the enlarged image as OpenCV's fixed-point numbers; pixel centres stay pixel centres."""
-    enlarged = (pixels + 0.5) * scale - 0.5
-    numbers: IntArray = np.round(enlarged * 2**_SHIFT).astype(np.int32)
-    return numbers
+def draw_rated(
+    picture: ImageArray, view: FieldView, places: FloatArray, on_line: npt.NDArray[np.bool_], radius_px: int
+) -> None:
+    """Points (N, 2) of the field into a picture of it, those on a line in another colour; far outside they are none."""
+    for place, near in zip(view.picture_from_field(places), on_line, strict=True):
+        if np.all(np.abs(place) < 1e4):
+            color = ON_LINE_COLOR if near else OFF_LINE_COLOR
+            cv2.circle(picture, (round(place[0]), round(place[1])), radius_px, color, -1, cv2.LINE_AA)

@@ -11,16 +11,13 @@ from touchline.calibration.perspective import PerspectiveCalibration
 from touchline.camera import GroundView, PinholeCamera
 from touchline.geometry import FloatArray
 from touchline.palette import BLUE, ORANGE, VERMILLION, bgr
-from touchline.perception.stages import Paint, with_legend
+from touchline.perception.stages import SHIFT, Paint, enlarged, fixed_point, with_legend
 from touchline.types import ImageArray
 
 _WIDTH_PX = 1200
 _GRID_M, _STEP_M, _BEYOND_M = 0.5, 0.05, 1.0
 _GRID: Paint = (235, 220, 190)
 _BLANK = 60
-_SHIFT = 4
-
-IntArray = npt.NDArray[np.int32]
 
 
 def marks_picture(
@@ -37,14 +34,14 @@ def marks_picture(
         for piece in np.split(seen, np.flatnonzero(~view.sees(seen))):
             inside = piece[view.sees(piece)]
             if len(inside) > 1:
-                cv2.polylines(canvas, [_fixed(inside, scale)], False, _GRID, 1, cv2.LINE_AA, _SHIFT)
+                cv2.polylines(canvas, [_fixed(inside, scale)], False, _GRID, 1, cv2.LINE_AA, SHIFT)
     for at in _fixed(pixels, scale).tolist():
         cv2.drawMarker(
-            canvas, (at[0] >> _SHIFT, at[1] >> _SHIFT), bgr(ORANGE), cv2.MARKER_TILTED_CROSS, 18, 2, cv2.LINE_AA
+            canvas, (at[0] >> SHIFT, at[1] >> SHIFT), bgr(ORANGE), cv2.MARKER_TILTED_CROSS, 18, 2, cv2.LINE_AA
         )
     known = np.isfinite(places).all(axis=1)
     for at in _fixed(found.camera.image_from_ground(places[known]), scale).tolist():
-        cv2.circle(canvas, (at[0], at[1]), 11 << _SHIFT, bgr(BLUE), 2, cv2.LINE_AA, _SHIFT)
+        cv2.circle(canvas, (at[0], at[1]), 11 << SHIFT, bgr(BLUE), 2, cv2.LINE_AA, SHIFT)
     legend = [("marks", bgr(ORANGE)), ("their places as this camera sees them", bgr(BLUE)), ("half metres", _GRID)]
     return with_legend(canvas, legend)
 
@@ -58,7 +55,7 @@ def wander_picture(found: ImuCalibration, camera: PinholeCamera, image: ImageArr
     canvas, scale = _enlarged(camera, flat)
     for pixels, color in ((found.seen_px, VERMILLION), (found.corrected_px, BLUE)):
         for at in _fixed(pixels, scale).tolist():
-            cv2.circle(canvas, (at[0], at[1]), 3 << _SHIFT, bgr(color), -1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(canvas, (at[0], at[1]), 3 << SHIFT, bgr(color), -1, cv2.LINE_AA, SHIFT)
     before, after = f"as seen: {found.before_px:.1f} px", f"corrected: {found.after_px:.1f} px"
     return with_legend(canvas, [(before, bgr(VERMILLION)), (after, bgr(BLUE))])
 
@@ -67,7 +64,7 @@ def _enlarged(camera: PinholeCamera, image: ImageArray | None) -> tuple[ImageArr
     scale = _WIDTH_PX / camera.width
     if image is None:
         image = np.full((camera.height, camera.width, 3), _BLANK, np.uint8)
-    return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8), scale
+    return enlarged(image, scale), scale
 
 
 def _half_metres(places: FloatArray) -> list[FloatArray]:
@@ -82,8 +79,7 @@ def _half_metres(places: FloatArray) -> list[FloatArray]:
     return along + across
 
 
-def _fixed(pixels: FloatArray, scale: float) -> IntArray:
+def _fixed(pixels: FloatArray, scale: float) -> npt.NDArray[np.int32]:
     """Pixels (N, 2) in the enlarged image as OpenCV's fixed-point numbers; those that are none are left out."""
-    known = pixels[np.isfinite(pixels).all(axis=1)]
-    numbers: IntArray = np.round(np.clip((known + 0.5) * scale - 0.5, -1e4, 1e4) * 2**_SHIFT).astype(np.int32)
-    return numbers
+    limit = 1e4 / scale
+    return fixed_point(np.clip(pixels[np.isfinite(pixels).all(axis=1)], -limit, limit), scale)

@@ -13,9 +13,9 @@ from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose
 from touchline.types import ImageArray
+from touchline.view.overlay import draw_rated
 
 _NEAR_M = 0.1
-_ON, _OFF = (255, 200, 0), (0, 120, 255)  # BGR
 
 
 def self_picture(found: SelfCalibration[Any], field: FieldModel) -> ImageArray:
@@ -31,9 +31,6 @@ def _panel(points: Sequence[FloatArray], poses: FloatArray, field: FieldModel, t
     canvas, view = draw_field(field), field_view(field)
     for seen, pose in zip(points, poses, strict=True):
         placed = Pose(*pose.tolist()).transform(seen[np.isfinite(seen).all(axis=1)])
-        near = field.line_distances(placed) < _NEAR_M
-        for place, on_line in zip(view.picture_from_field(placed), near, strict=True):
-            if np.all(np.abs(place) < 1e4):
-                cv2.circle(canvas, (round(place[0]), round(place[1])), 2, _ON if on_line else _OFF, -1, cv2.LINE_AA)
+        draw_rated(canvas, view, placed, field.line_distances(placed) < _NEAR_M, 2)
     cv2.putText(canvas, title, (20, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (255, 255, 255), 2, cv2.LINE_AA)
     return canvas

@@ -63,8 +63,7 @@ def circle_landmark(circle: Circle | None) -> Landmarks:
 
 def without_arcs(lines: Lines, circle: Circle) -> Lines:
     """The lines that are no chords of a circle."""
-    kept = np.array([not circle.follows(ends) for ends in lines.ends_m], dtype=np.bool_)
-    return Lines(lines.ends_m[kept], lines.covariances_m2[kept], lines.confidences[kept], lines.pixels[kept])
+    return lines.rows(np.array([not circle.follows(ends) for ends in lines.ends_m], dtype=np.bool_))
 
 
 def find_circle(

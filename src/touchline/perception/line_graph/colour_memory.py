@@ -15,7 +15,7 @@ from touchline.perception.line_graph.colour_classes import (
     classes_of_model,
     learn_classes,
 )
-from touchline.perception.self_learning import FADED_FRAMES, FADED_GREEN
+from touchline.perception.self_learning import GreenWatch
 from touchline.types import ImageArray
 
 Mask = npt.NDArray[np.bool_]
@@ -34,7 +34,7 @@ class ColourMemory:
         """Forget what was learned."""
         self.classes: ColourClasses | None = self._kept
         self._images: list[ImageArray] = []
-        self._usual_green, self._faded = 0.0, 0
+        self._green = GreenWatch()
 
     @property
     def is_learning(self) -> bool:
@@ -63,11 +63,6 @@ class ColourMemory:
         """
         if self._kept is not None:
             return
-        share = float(counts[GREEN][horizon].sum()) / (FULL * max(int(horizon.sum()), 1))
-        if share < FADED_GREEN * self._usual_green:
-            self._faded += 1
-        else:
-            self._faded = 0
-            self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
-        if self._faded >= FADED_FRAMES:
-            self._images, self._usual_green, self._faded = [], 0.0, 0
+        self._green.is_faded(float(counts[GREEN][horizon].sum()) / (FULL * max(int(horizon.sum()), 1)))
+        if self._green.has_faded:
+            self._images, self._green = [], GreenWatch()

@@ -11,6 +11,8 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,7 +21,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError
-from touchline.perception.detector import check_size
+from touchline.perception.detector import check_size, image_of, lean_of
 from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle, without_arcs
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
 from touchline.perception.line_graph.colour_memory import ColourMemory
@@ -33,12 +35,12 @@ from touchline.perception.line_graph.image_plane import (
     image_plane,
     make_lens,
 )
-from touchline.perception.line_graph.landmarks import find_landmarks, joined
+from touchline.perception.line_graph.landmarks import find_landmarks
 from touchline.perception.line_graph.pictures import step_pictures
 from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure, find_structure
-from touchline.types import Frame, ImageArray, LinePoints, Observation
+from touchline.types import Frame, ImageArray, Landmarks, LinePoints, Observation
 
 _NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
 _GREENISH = 0.35  # of the carpet's own excess of green: what is beside paint is paler
@@ -73,13 +75,7 @@ class LineGraphDetector:
 
     def observe(self, frame: Frame) -> Observation:
         """What a frame's image shows. Raises InputError for one of another size than the camera's, or without one."""
-        if frame.image is None:
-            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
-        try:
-            view = ground_view(self.camera, frame.base_from_camera, *lean_of(frame))
-        except InputError as error:
-            return Observation(frame.stamp_ns, problem=str(error))
-        return self.detect(frame.image, view, frame.stamp_ns)
+        return observe_from_view(frame, self.camera, self.detect)
 
     def detect(self, image: ImageArray, view: GroundView, stamp_ns: int = 0) -> Observation:
         """What an image (H, W, 3), B, G, R, shows from this view."""
@@ -136,7 +132,7 @@ class LineGraphDetector:
             lines = without_arcs(lines, circle)
         crossings = find_crossings(structure, lines, pixels, plane, self.settings)
         upright = find_landmarks(structure, classes, pixels, lines, plane, self.field, self.settings)
-        landmarks = joined(upright, circle_landmark(circle))
+        landmarks = Landmarks.joined([upright, circle_landmark(circle)])
         return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
 
     def _structure(self, image: ImageArray, classes: ColourClasses, plane: ImagePlane) -> Structure:
@@ -174,9 +170,13 @@ class LineGraphDetector:
         return LinePoints(ground, covariances, np.full(len(ground), 0.5), pixels)
 
 
-def lean_of(frame: Frame) -> tuple[float | None, float | None]:
-    """The newest roll and pitch (rad) of a frame; None, None where nothing tells."""
-    if frame.tilt is None or not len(frame.tilt):
-        return None, None
-    roll, pitch = frame.tilt.values[-1].tolist()
-    return roll, pitch
+def observe_from_view(
+    frame: Frame, camera: Camera, detect: Callable[[ImageArray, GroundView, int], Observation]
+) -> Observation:
+    """What `detect` finds in a frame's image, seen from where the camera was. Raises InputError as `image_of` does."""
+    image = image_of(frame, camera)
+    try:
+        view = ground_view(camera, frame.base_from_camera, *lean_of(frame))
+    except InputError as error:
+        return Observation(frame.stamp_ns, problem=str(error))
+    return detect(image, view, frame.stamp_ns)

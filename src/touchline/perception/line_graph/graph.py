@@ -157,7 +157,8 @@ def connect_regions(ranks: npt.NDArray[np.uint8], node_at: IntArray, graph: Grap
 
 
 @njit(cache=True)
-def _length(graph: Graph, a: int, b: int) -> float:
+def length_between(graph: Graph, a: int, b: int) -> float:
+    """Of the connection of two nodes, in cells."""
     return math.hypot(graph.places[a, 0] - graph.places[b, 0], graph.places[a, 1] - graph.places[b, 1])
 
 
@@ -171,8 +172,10 @@ def remove_triangles(graph: Graph, count: int) -> None:
             for m in range(graph.degrees[a]):
                 c = graph.links[a, m]
                 if c != b and connected(graph, b, c):
-                    length = _length(graph, a, b)
-                    redundant = redundant or (length >= _length(graph, a, c) and length >= _length(graph, b, c))
+                    length = length_between(graph, a, b)
+                    redundant = redundant or (
+                        length >= length_between(graph, a, c) and length >= length_between(graph, b, c)
+                    )
             if redundant:
                 disconnect(graph, a, b)
             else:

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.perception.line_graph.graph import Graph, IntArray, connect, disconnect
+from touchline.perception.line_graph.graph import Graph, IntArray, connect, disconnect, length_between
 
 _SPUR = 2.6  # cells: shorter lines that end in a junction are eliminated
 _MERGE = 3.2  # cells: connected junctions closer than this are one crossing
@@ -36,21 +36,16 @@ def _other(graph: Graph, node: int, before: int) -> int:
 
 
 @njit(cache=True)
-def _apart(graph: Graph, a: int, b: int) -> float:
-    return math.hypot(graph.places[a, 0] - graph.places[b, 0], graph.places[a, 1] - graph.places[b, 1])
-
-
-@njit(cache=True)
 def remove_spurs(graph: Graph) -> None:
     """Eliminate short lines that begin at a node of degree one and end in a junction."""
     for node in range(len(graph.degrees)):
         if graph.degrees[node] != 1:
             continue
         before, here = node, int(graph.links[node, 0])
-        length, steps = _apart(graph, node, here), 0
+        length, steps = length_between(graph, node, here), 0
         while graph.degrees[here] == 2 and length <= _SPUR and steps < 8:
             before, here = here, _other(graph, here, before)
-            length += _apart(graph, before, here)
+            length += length_between(graph, before, here)
             steps += 1
         if graph.degrees[here] < 3 or length > _SPUR:
             continue
@@ -79,10 +74,10 @@ def merge_junctions(graph: Graph) -> None:
                 continue
             for k in range(graph.degrees[node]):
                 before, here = node, int(graph.links[node, k])
-                length = _apart(graph, node, here)
+                length = length_between(graph, node, here)
                 while graph.degrees[here] == 2 and length <= _MERGE and here != node:
                     before, here = here, _other(graph, here, before)
-                    length += _apart(graph, before, here)
+                    length += length_between(graph, before, here)
                 if here != node and graph.degrees[here] >= 3 and length <= _MERGE:
                     _contract(graph, node, k, here)
                     merged = True

@@ -131,20 +131,6 @@ def _on_a_line(field: FieldModel, x: float, y: float) -> bool:
     return bool(field.line_distances(np.array([[x, y]]))[0] < field.line_width)
 
 
-def joined(one: Landmarks, other: Landmarks) -> Landmarks:
-    """All landmarks of both."""
-    if not len(one) or not len(other):
-        return other if not len(one) else one
-    return Landmarks(
-        np.concatenate((one.kinds, other.kinds)),
-        np.concatenate((one.positions_m, other.positions_m)),
-        np.concatenate((one.covariances_m2, other.covariances_m2)),
-        np.concatenate((one.confidences, other.confidences)),
-        one.colors + other.colors,
-        np.concatenate((one.pixels, other.pixels)),
-    )
-
-
 def _post_like(upright: Upright, field: FieldModel) -> Post | None:
     """What of the field this is: the colours in their order tell; None where they tell nothing."""
     seen = upright.colors

@@ -8,20 +8,19 @@ Neighbours overlap, so that what lies at a seam is seen whole; line points count
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import Camera, FisheyeCamera, GroundView, PinholeCamera, ground_view
-from touchline.errors import InputError
+from touchline.camera import Camera, FisheyeCamera, GroundView, PinholeCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose3
 from touchline.perception.detector import check_size
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
-from touchline.perception.line_graph.detector import LineGraphDetector, lean_of
+from touchline.perception.line_graph.detector import LineGraphDetector, observe_from_view
 from touchline.perception.line_graph.image_plane import ground_covariances, grounds_from_pixels, image_plane
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.types import Crossings, Frame, ImageArray, Landmarks, LinePoints, Lines, Observation
@@ -31,7 +30,6 @@ _MAX_UP_RAD = math.radians(52.0)  # of a patch: what lies higher or lower is no 
 _GRID_PX = 8
 _SAME_M, _SAME_RATIO = 0.3, 0.1  # what two patches see so near to each other, and more with the range, is one thing
 
-Table = TypeVar("Table", LinePoints, Lines, Crossings, Landmarks)
 Place = TypeVar("Place", Crossings, Landmarks)
 
 
@@ -110,13 +108,7 @@ class PatchedLineGraphDetector:
 
     def observe(self, frame: Frame) -> Observation:
         """What a frame's image shows. Raises InputError for one of another size than the camera's, or without one."""
-        if frame.image is None:
-            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
-        try:
-            view = ground_view(self.camera, frame.base_from_camera, *lean_of(frame))
-        except InputError as error:
-            return Observation(frame.stamp_ns, problem=str(error))
-        return self.detect(frame.image, view, frame.stamp_ns)
+        return observe_from_view(frame, self.camera, self.detect)
 
     def detect(self, image: ImageArray, view: GroundView, stamp_ns: int = 0) -> Observation:
         """What an image (H, W, 3), B, G, R, shows from this view."""
@@ -130,11 +122,11 @@ class PatchedLineGraphDetector:
             seen.append(self._own(found, patch, patch.view(view)))
         return Observation(
             stamp_ns,
-            _together([one.points for one in seen]),
-            _together([one.lines for one in seen]),
+            LinePoints.joined([one.points for one in seen]),
+            Lines.joined([one.lines for one in seen]),
             _without_doubles([one.crossings for one in seen]),
             _without_doubles([one.landmarks for one in seen]),
-            _together([one.boundary for one in seen]),
+            LinePoints.joined([one.boundary for one in seen]),
         )
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
@@ -148,7 +140,7 @@ class PatchedLineGraphDetector:
 
     def _own(self, seen: Observation, patch: Patch, view: GroundView) -> Observation:
         """What a patch has seen in pixels of the camera; line points and the boundary without what is a neighbour's."""
-        points, boundary = (_taken(each, patch.owns(each.pixels)) for each in (seen.points, seen.boundary))
+        points, boundary = (each.rows(patch.owns(each.pixels)) for each in (seen.points, seen.boundary))
         tables = (points, self._cut(seen.lines, patch, view), seen.crossings, seen.landmarks, boundary)
         moved: list[Any] = [
             replace(each, pixels=patch.pixels(each.pixels.reshape(-1, 2)).reshape(each.pixels.shape)) for each in tables
@@ -191,27 +183,12 @@ def _padded(picture: ImageArray, rows: int) -> ImageArray:
     return np.pad(picture, ((0, rows - len(picture)), (0, 0), (0, 0)))
 
 
-def _taken(table: Table, mask: npt.NDArray[np.bool_]) -> Table:
-    """The rows of a mask (N,)."""
-    rows = np.flatnonzero(mask)
-    columns: list[Any] = [getattr(table, column.name) for column in fields(table)]
-    taken: list[Any] = [tuple(c[k] for k in rows) if isinstance(c, tuple) else c[rows] for c in columns]
-    return type(table)(*taken)
-
-
-def _together(tables: list[Table]) -> Table:
-    """All rows of all tables."""
-    columns = [[getattr(table, column.name) for table in tables] for column in fields(tables[0])]
-    joined: list[Any] = [sum(c, ()) if isinstance(c[0], tuple) else np.concatenate(c) for c in columns]
-    return type(tables[0])(*joined)
-
-
 def _without_doubles(tables: list[Place]) -> Place:
     """All rows but those of things that an earlier row has."""
-    table = _together(tables)
+    table = type(tables[0]).joined(tables)
     kept: list[int] = []
     for k, place in enumerate(table.positions_m):
         near = max(_SAME_M, _SAME_RATIO * float(np.hypot(*place)))
         if all(np.hypot(*(place - table.positions_m[other])) > near for other in kept):
             kept.append(k)
-    return _taken(table, np.isin(np.arange(len(table)), kept))
+    return table.rows(np.isin(np.arange(len(table)), kept))
