@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import filecmp
+import shutil
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from rosbags.highlevel import AnyReader
 from small_recordings import borrow
 from small_recordings import write_recording as write_small
 
 from touchline.api import prepare
+from touchline.camera import FisheyeCamera
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation import Run
 from touchline.geometry import Pose
-from touchline.sources import BagOptions, open_source
+from touchline.sources import BagOptions, Recording, open_source
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.bags.writing import McapWriter, write_recording
 from touchline.types import Frame, Samples
@@ -121,10 +124,8 @@ def test_other_programs_find_what_ros_has_messages_for(walk: Path, tmp_path: Pat
     assert (first.format, first.header.frame_id) == ("jpeg", "camera_optical_frame")
 
 
-def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path) -> None:
-    """The bag without Touchline's own topics is a foreign one, and says the same."""
-    source = open_source(walk)
-    bare = tmp_path / "bare.mcap"
+def without_own_topics(source: Recording, bare: Path) -> Path:
+    """A bag of what ROS has messages for, and of nothing else."""
     codec = Codec()
     writer = McapWriter(bare, codec)
 
@@ -137,7 +138,13 @@ def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path)
             writer.close()
 
     write_recording(source, Bare(), codec)
-    read = open_source(bare, options=BagOptions(field="spl-9x6"))
+    return bare
+
+
+def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path) -> None:
+    """The bag without Touchline's own topics is a foreign one, and says the same."""
+    source = open_source(walk)
+    read = open_source(without_own_topics(source, tmp_path / "bare.mcap"), options=BagOptions(field="spl-9x6"))
     assert read.truth is not None
     assert source.truth is not None
     assert np.allclose(read.truth.poses, source.truth.poses, atol=1e-9)
@@ -150,6 +157,36 @@ def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path)
         assert found.base_from_camera is not None
         assert expected.base_from_camera is not None
         assert np.allclose(found.base_from_camera.rotation, expected.base_from_camera.rotation, atol=1e-9)
+
+
+def test_a_fisheye_goes_through_camera_info_and_comes_back(walk: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "fisheye"
+    shutil.copytree(walk, folder)
+    about = yaml.safe_load((folder / "camera.yaml").read_text())
+    kept = {key: about[key] for key in ("width", "height", "fx", "fy", "cx", "cy", "mount")}
+    lens = {"model": "fisheye", "distortion": [-0.02, 0.003, -0.001, 0.0002], **kept}
+    (folder / "camera.yaml").write_text(yaml.safe_dump(lens))
+    sequence = (folder / "sequence.yaml").read_text()
+    assert "camera: pinhole" in sequence
+    (folder / "sequence.yaml").write_text(sequence.replace("camera: pinhole", "camera: fisheye"))
+    (folder / "camera_pose.csv").unlink()
+    source = open_source(folder)
+    whole = convert(folder, tmp_path / "whole.mcap")
+    with AnyReader([whole]) as reader:
+        infos = [c for c in reader.connections if c.topic == "/camera/camera_info"]
+        info = next(reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(infos))
+    assert (info.distortion_model, info.d.tolist()) == ("equidistant", lens["distortion"])
+    assert_same_folder(convert(whole, tmp_path / "back"), folder)
+    read = open_source(without_own_topics(source, tmp_path / "bare.mcap"), options=BagOptions(field="spl-9x6"))
+    assert read.camera_kind == "fisheye"
+    assert isinstance(read.camera, FisheyeCamera)
+    assert isinstance(source.camera, FisheyeCamera)
+    for name in ("width", "height", "fx", "fy", "cx", "cy"):
+        assert getattr(read.camera, name) == getattr(source.camera, name)
+    assert read.camera.distortion.tolist() == lens["distortion"]
+    found, wanted = read.camera.base_from_camera, source.camera.base_from_camera
+    assert np.allclose(found.rotation, wanted.rotation, atol=1e-9)
+    assert np.allclose(found.translation_m, wanted.translation_m, atol=1e-9)
 
 
 def test_results_are_written_with_map_to_odom(match: Path, tmp_path: Path) -> None:

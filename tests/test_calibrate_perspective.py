@@ -10,6 +10,7 @@ from typing import cast
 import cv2
 import numpy as np
 import pytest
+import yaml
 from small_recordings import write_recording
 
 from touchline.calibration.imu import calibrate_imu
@@ -22,12 +23,13 @@ from touchline.calibration.perspective import (
     lens_of_marks,
     perspective_yaml,
 )
-from touchline.camera import PinholeCamera, ground_view, open_camera
+from touchline.camera import PinholeCamera, ground_view, open_camera, perspective_mapping
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.motion import LeanFilter
 from touchline.palette import ORANGE, bgr
+from touchline.simulation.cameras.pinhole import kid_size_camera
 from touchline.simulation.recording import _write_calibration
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -202,6 +204,22 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     mirror = str(Path(__file__).parents[1] / "examples" / "omni_msl_track_short")
     assert main(["calibrate", "imu", mirror, "--output", str(tmp_path / "imu.yaml")]) == 2
     assert "looks at a mirror" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("camera", "a fisheye's lens is not calibrated here; OpenCV's fisheye.calibrate does that"),
+        ("imu", "its camera is a fisheye; the IMU's correction is for pinhole cameras"),
+    ],
+)
+def test_a_fisheye_is_refused(name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_recording(tmp_path / "r", frames=1, camera="fisheye", field="indoor-9x6")
+    (folder / "camera.yaml").write_text(yaml.safe_dump(perspective_mapping(kid_size_camera())))
+    (folder / "marks.csv").write_text("file,name,u,v,x_m,y_m\na.jpg,m1,300,400,1,0\n")
+    assert main(["calibrate", name, str(folder), "--output", str(tmp_path / "camera.yaml")]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "camera.yaml").exists()
 
 
 def test_a_camera_from_marks_alone_can_be_written() -> None:
