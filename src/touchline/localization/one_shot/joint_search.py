@@ -93,7 +93,9 @@ class JointSearch:
         state = np.array([*start, *np.zeros(len(self._deviations))])
         prior = StatePrior(state, self._prior.information)
         fit: StateFit = self._registration.fit_state(self.seen, state, prior, TRACKING, self._response)
-        covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3] + np.diag(self.errors.floor**2)
+        covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3] + np.diag(
+            np.square(self.errors.floor)
+        )
         return JointFit(pose_of(fit), covariance, fit.state[3:].copy(), float(fit.log_likelihood), float(fit.explained))
 
     def _contradicting(self, fit: JointFit) -> list[str]:
