@@ -193,7 +193,7 @@ def test_a_phrase_that_comes_again_later_is_another_stretch() -> None:
         what = f"the image has not changed for {stamp_s} s"
         estimate = Estimate(round(1e9 * stamp_s), true_pose(0), np.eye(3), Status.SEARCHING, problems=(what,))
         tally.add(replace(frame, stamp_ns=estimate.stamp_ns), estimate, False)
-    assert [(one.what[-5:], one.first_ns, one.last_ns, one.images) for one in tally.said] == [
+    assert [(one.what[-5:], one.first_ns, one.last_ns, one.images) for one in tally.said.stretches] == [
         ("0.2 s", 0, 200_000_000, 3),
         ("5.1 s", 5_000_000_000, 5_100_000_000, 2),
     ]

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from touchline.checks import features, heading, images, late_odometry, lines, projection, sensors, setup, slips
+from touchline.checks.consistency import check_consistency, images_to_run
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey, take_survey
 from touchline.sources.folder import Recording
@@ -41,15 +42,21 @@ CHECKS: list[Check] = [
     features.check_features,
     late_odometry.check_late_odometry,
     projection.check_projection,
+    check_consistency,
 ]
 
 _ORDER = [Severity.ERROR, Severity.WARNING, Severity.NOTE, Severity.OK]
 
 
-def check_recording(source: Recording | str | Path, progress: Callable[[], None] | None = None) -> list[Finding]:
+def steps(source: Recording) -> int:
+    """How often `check_recording` calls its `progress` at most."""
+    return len(source) + images_to_run(source)
+
+
+def check_recording(source: Recording | str | Path, progress: Callable[[], None] = lambda: None) -> list[Finding]:
     """Read all of a recording and say what is odd about it, the worst first.
 
-    progress: called after every image. Raises InputError if it can't be read at all.
+    progress: called after every image, `steps` times in all. Raises InputError if it can't be read at all.
     """
     recording = source if isinstance(source, Recording) else Recording(Path(source))
     survey = take_survey(recording, progress)

@@ -44,7 +44,8 @@ class Survey:
     motion: (N, 11), the last sample of each of MOTION_COLUMNS. changed: bool (N, 11), whether it changed since the
     image before. turn_rad: the gyro's yaw rate summed up since the image before (NaN across a gap).
     turn_score: `TurnGauge.preference` for the camera's handedness. rims: (frame, rim). seen: things by kind that the
-    robot's own detector found, and `nothing` for images in which it found none.
+    robot's own detector found, and `nothing` for images in which it found none. progress: for a check to call after
+    each of many images.
     """
 
     recording: Recording
@@ -59,6 +60,7 @@ class Survey:
     turn_score: FloatArray
     rims: list[tuple[int, Rim]] = field(default_factory=list)
     seen: Counter[str] = field(default_factory=Counter)
+    progress: Callable[[], None] = lambda: None
 
     @cached_property
     def omni(self) -> OmniCamera | None:
@@ -99,7 +101,7 @@ class Survey:
         return self.changed[:, MOTION_COLUMNS.index(name)]
 
 
-def take_survey(recording: Recording, progress: Callable[[], None] | None = None) -> Survey:
+def take_survey(recording: Recording, progress: Callable[[], None] = lambda: None) -> Survey:
     """Read the whole recording once; `progress` is called after every image."""
     count = len(recording)
     survey = Survey(
@@ -113,6 +115,7 @@ def take_survey(recording: Recording, progress: Callable[[], None] | None = None
         changed=np.zeros((count, len(MOTION_COLUMNS)), dtype=np.bool_),
         turn_rad=np.full(count, np.nan),
         turn_score=np.full(count, np.nan),
+        progress=progress,
     )
     motion, eye = _MotionTaker(survey), _ImageTaker(survey)
     for index, frame in enumerate(recording):
@@ -120,8 +123,7 @@ def take_survey(recording: Recording, progress: Callable[[], None] | None = None
         eye.take(index, frame.image)
         if frame.observation is not None:
             survey.seen.update(_counts(frame.observation) or {"nothing": 1})
-        if progress is not None:
-            progress()
+        progress()
     return survey
 
 

@@ -56,9 +56,9 @@ def check(
 
 
 def _check_with_progress(source: Recording) -> list[Finding]:
-    from touchline.checks.check import check_recording
+    from touchline.checks.check import check_recording, steps
 
-    with steps_shown("reading", len(source)) as advance:
+    with steps_shown("reading", steps(source)) as advance:
         return check_recording(source, advance)
 
 

@@ -86,6 +86,23 @@ class Said:
         return {"t": self.first_ns / 1e9, "until": self.last_ns / 1e9, "images": self.images, "what": self.what}
 
 
+class SaidLog:
+    """What a system says: a phrase goes on where it is said again within a second, be it with other numbers."""
+
+    def __init__(self) -> None:
+        self.stretches: list[Said] = []
+
+    def add(self, phrase: str, stamp_ns: int) -> None:
+        """A phrase of an image. Of many different ones the first are kept."""
+        alike = without_numbers(phrase)
+        last = next((one for one in reversed(self.stretches) if without_numbers(one.what) == alike), None)
+        full = len(self.stretches) >= _MAX_SAID
+        if last is not None and (full or stamp_ns - last.last_ns <= _SAID_AGAIN_NS):
+            last.what, last.last_ns, last.images = phrase, max(stamp_ns, last.last_ns), last.images + 1
+        elif not full:
+            self.stretches.append(Said(phrase, stamp_ns, stamp_ns))
+
+
 def said_text(one: Mapping[str, Any]) -> str:
     """What summary.json holds of a phrase, in words."""
     many = f" to {one['until']:.2f} s ({counted(one['images'], 'image')})" if one.get("images", 1) > 1 else " s"
@@ -119,7 +136,7 @@ class RunTally:
     either_side: int = 0
     other_side: Pose | None = None
     other_probability: float | None = None
-    said: list[Said] = field(default_factory=list)
+    said: SaidLog = field(default_factory=SaidLog)
     times: FrameTimes = field(default_factory=FrameTimes)
     pictures: FramePicker | None = None
 
@@ -143,18 +160,8 @@ class RunTally:
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
             self.other_probability = estimate.twin_probability
         for phrase in estimate.problems:
-            self._hear(phrase, estimate.stamp_ns)
+            self.said.add(phrase, estimate.stamp_ns)
         self.times.add(estimate.perception_ms, estimate.localization_ms)
-
-    def _hear(self, phrase: str, stamp_ns: int) -> None:
-        """A phrase that differs from an earlier one in its numbers only goes on."""
-        alike = without_numbers(phrase)
-        last = next((one for one in reversed(self.said) if without_numbers(one.what) == alike), None)
-        full = len(self.said) >= _MAX_SAID
-        if last is not None and (full or stamp_ns - last.last_ns <= _SAID_AGAIN_NS):
-            last.what, last.last_ns, last.images = phrase, max(stamp_ns, last.last_ns), last.images + 1
-        elif not full:
-            self.said.append(Said(phrase, stamp_ns, stamp_ns))
 
     def summary(self) -> dict[str, Any]:
         """Counts, rates and latencies for summary.json."""
@@ -178,7 +185,7 @@ class RunTally:
                 "other_pose": None if self.other_side is None else list(self.other_side),
                 "probability": self.other_probability,
             },
-            "said": [one.as_dict() for one in self.said],
+            "said": [one.as_dict() for one in self.said.stretches],
             "latency_ms": self.times.summary(),
         }
 
