@@ -132,8 +132,7 @@ def around(angles_rad: FloatArray, values: FloatArray, least: float, keep: Mask 
     orders = np.arange(1, 1 + max(1, int(np.searchsorted(_HARMONICS, np.isfinite(values).sum(), side="right"))))
     phases = angles_rad[:, np.newaxis] * orders
     waves = np.column_stack((np.ones(len(values)), np.cos(phases), np.sin(phases)))
-    fit: FloatArray = waves @ trimmed_lstsq(waves, values, least, keep)[0]
-    return fit
+    return waves @ trimmed_lstsq(waves, values, least, keep)[0]
 
 
 def healed(angles_rad: FloatArray, values: FloatArray, least: FloatArray, of_its_own: bool) -> tuple[FloatArray, Mask]:

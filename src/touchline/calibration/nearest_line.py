@@ -29,8 +29,7 @@ class NearestLine(NamedTuple):
     @property
     def side(self) -> FloatArray:
         """(N,) 1 or -1: a line aside by a metre towards its side 1 is a metre nearer there. Beyond an end 0."""
-        side: FloatArray = np.where(self.is_beyond, 0.0, np.sign(self.distance_m))
-        return side
+        return np.where(self.is_beyond, 0.0, np.sign(self.distance_m))
 
 
 def nearest_line(tables: LineTables, places: FloatArray) -> NearestLine:

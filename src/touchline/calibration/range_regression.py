@@ -57,14 +57,12 @@ class RangeRegression:
     @cached_property
     def residuals_m(self) -> FloatArray:
         """(N,) measured range less that of the polynomial."""
-        residuals: FloatArray = self.pairs.range_m - self.polynomial(self.pairs.radius_px)
-        return residuals
+        return self.pairs.range_m - self.polynomial(self.pairs.radius_px)
 
     def center_offset_px(self) -> FloatArray:
         """(2,) u, v by which the centre seems to be off: a wrong one makes the radii err like a cosine of the angle."""
         stretched_px = self.residuals_m / self.polynomial.deriv()(self.pairs.radius_px)
-        offset: FloatArray = np.linalg.lstsq(self._center_design, stretched_px, rcond=None)[0][:2]
-        return offset
+        return np.linalg.lstsq(self._center_design, stretched_px, rcond=None)[0][:2]
 
     @property
     def _center_design(self) -> FloatArray:

@@ -73,8 +73,7 @@ class SelfCalibration(Generic[C]):
     @property
     def deviations(self) -> FloatArray:
         """(S,) standard deviations of `shared`."""
-        deviations: FloatArray = np.sqrt(np.diag(self.covariance))
-        return deviations
+        return np.sqrt(np.diag(self.covariance))
 
     def check(self, seen: str, instead: str, bounds: Sequence[tuple[str, float, float, str]]) -> None:
         """Raises NoFitError with the reason where a calibration is none.

@@ -40,8 +40,7 @@ class StripAxis:
 
     def angles(self, radii_px: FloatArray) -> FloatArray:
         """Directions (N,) in the image, atan2(v, u), at radii (N,)."""
-        angles: FloatArray = _terms(np.clip(radii_px, *self.ends_px)) @ self.terms
-        return angles
+        return _terms(np.clip(radii_px, *self.ends_px)) @ self.terms
 
     @property
     def angle_rad(self) -> float:
@@ -162,8 +161,7 @@ def crossings(x: FloatArray, y: FloatArray, level: float) -> FloatArray:
     """Where y crosses a level, by linear interpolation."""
     above = y > level
     k = np.flatnonzero(above[1:] != above[:-1])
-    crossed: FloatArray = x[k] + (level - y[k]) / (y[k + 1] - y[k]) * (x[k + 1] - x[k])
-    return crossed
+    return x[k] + (level - y[k]) / (y[k + 1] - y[k]) * (x[k + 1] - x[k])
 
 
 def _terms(radii_px: FloatArray) -> FloatArray:

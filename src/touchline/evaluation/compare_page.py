@@ -94,8 +94,7 @@ def _error(one: Compared, heading: bool) -> FloatArray:
     errors = one.data.errors_since_located()
     if errors is not None:
         own[errors.rows] = _DEGREES * errors.values[:, 2] if heading else 100.0 * errors.position_m()
-    found: FloatArray = np.where(one.row >= 0, own[one.row], np.nan)
-    return found
+    return np.where(one.row >= 0, own[one.row], np.nan)
 
 
 def _parting(compared: Comparison) -> str:

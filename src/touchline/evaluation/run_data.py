@@ -137,8 +137,7 @@ class RunData:
     def _tracked(self) -> BoolArray:
         """Which frames with an error (M,) were tracked."""
         assert self.errors is not None
-        tracked: BoolArray = self.table.has_status(Status.TRACKING)[self.errors.rows]
-        return tracked
+        return self.table.has_status(Status.TRACKING)[self.errors.rows]
 
 
 def carried_rows(poses: FloatArray) -> npt.NDArray[np.int64]:

@@ -303,8 +303,7 @@ def _image_times(scenario: Scenario, poses: FloatArray) -> FloatArray:
         times = period_s * np.arange(1, math.floor(scenario.seconds / period_s + 1e-6) + 1)
     if len(times) == 0:
         raise InputError(f"seconds: {scenario.seconds:g} s are too short for a single image")
-    rounded: FloatArray = np.round(times, 4)  # images.csv holds a tenth of a millisecond
-    return rounded
+    return np.round(times, 4)  # images.csv holds a tenth of a millisecond
 
 
 def _arrivals(scenario: Scenario, taken: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
@@ -320,8 +319,7 @@ def _middles_of_stands(poses: FloatArray) -> FloatArray:
     first = np.flatnonzero(~still[:-1] & still[1:])
     last = np.flatnonzero(still[:-1] & ~still[1:])
     long_enough = (last - first) * STEP_S > 0.3
-    middles: FloatArray = 0.5 * STEP_S * (first + last)[long_enough]
-    return middles
+    return 0.5 * STEP_S * (first + last)[long_enough]
 
 
 def _part(samples: Samples, first: int, end: int) -> Samples | None:

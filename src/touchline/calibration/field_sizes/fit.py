@@ -139,8 +139,7 @@ def _best_common(
     if wide:  # all sizes and the scale together fit as well: the scale is held
         prior = np.concatenate((camera**-2.0, np.full(len(common) - _CAMERA, WIDE_M**-2.0)))
         prior[2] = _HELD
-        best: FloatArray = common + NormalEquations([*blocks, prior_block(shared, prior, common)]).step()[shared]
-        return best
+        return common + NormalEquations([*blocks, prior_block(shared, prior, common)]).step()[shared]
     modes = _modes(*_common_equations(blocks, shared, common, camera), camera)
     return np.asarray(modes.common[int(np.argmin(modes.costs))])
 

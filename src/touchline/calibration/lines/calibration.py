@@ -205,8 +205,7 @@ def one_half(poses: FloatArray) -> FloatArray:
     """Poses (M, 3) on a field that looks the same after half a turn, each or its twin: what is nearest to the first."""
     turned = np.column_stack((-poses[:, :2], poses[:, 2] + np.pi))
     gaps = [np.hypot(*(some[:, :2] - poses[0, :2]).T) for some in (poses, turned)]
-    nearest: FloatArray = np.where((gaps[0] <= gaps[1])[:, np.newaxis], poses, turned)
-    return nearest
+    return np.where((gaps[0] <= gaps[1])[:, np.newaxis], poses, turned)
 
 
 def _is_symmetric(field: FieldModel) -> bool:

@@ -120,8 +120,7 @@ def _scatter(rows: FloatArray, groups: npt.NDArray[np.int64]) -> FloatArray:
     np.add.at(sums, index, rows)
     count = len(sums)
     few = count / max(count - 1.0, 1.0)
-    result: FloatArray = few * sums.T @ sums
-    return result
+    return few * sums.T @ sums
 
 
 def _cells(points: FloatArray) -> npt.NDArray[np.int64]:

@@ -80,8 +80,7 @@ class Linearised(NamedTuple):
     def residuals(self) -> FloatArray:
         """Distances (N,) in standard deviations: about pixels; infinite beyond the horizon."""
         beyond = ~np.isfinite(self.sigmas_m)
-        values: FloatArray = np.where(beyond, np.inf, self.distances_m / np.where(beyond, 1.0, self.sigmas_m))
-        return values
+        return np.where(beyond, np.inf, self.distances_m / np.where(beyond, 1.0, self.sigmas_m))
 
 
 def expected_mirror(center: FloatArray, center_px: float, bends: bool) -> Expected:
@@ -139,8 +138,7 @@ def crowding(seen: Sequence[Seen], fit: JointFit, lines: Lines) -> FloatArray:
     points = linearise(seen, fit, lines)
     next_m = nearest_line(lines.tables, points.places).next_m
     near = np.where(np.isfinite(points.sigmas_m), _CLOSE_PX * points.sigmas_m / np.maximum(next_m, _MIN_GAP_M), 0.0)
-    factor: FloatArray = np.minimum(1.0 + near**4, _MAX_CROWDED)
-    return factor
+    return np.minimum(1.0 + near**4, _MAX_CROWDED)
 
 
 def _equations(

@@ -41,8 +41,7 @@ def read_pixels(path: Path) -> FloatArray:
         raise InputError(f"{path}: holds more than {MAX_OBSERVED_POINTS} points, the most of one file")
     if not pixels:
         raise InputError(f"{path}: holds no points")
-    different: FloatArray = np.unique(np.array(pixels), axis=0)
-    return different
+    return np.unique(np.array(pixels), axis=0)
 
 
 def image_size(text: str | None, pixels: Sequence[FloatArray]) -> tuple[int, int]:

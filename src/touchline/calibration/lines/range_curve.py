@@ -113,16 +113,14 @@ def _stiff(expected: Expected, mirror: FloatArray, curvature: float) -> Expected
 
 def curve_weights(curve: FloatArray, curvature: float) -> FloatArray:
     """The weight (K - 2,) of each second difference of a curve (K,), as Cauchy's distribution has it at that size."""
-    weights: FloatArray = 2.0 / (curvature**2 + np.diff(curve, n=2) ** 2)
-    return weights
+    return 2.0 / (curvature**2 + np.diff(curve, n=2) ** 2)
 
 
 def _pinned(seen: Sequence[Seen], mirror: FloatArray) -> FloatArray:
     """The information (K, K) that the curve of a mirror (Q,) is nought at two radii."""
     radii = np.concatenate([np.hypot(*(one.pixels - mirror[:2]).T) for one in seen])
     rows = spline_rows(np.percentile(radii, _PINNED), seen[0].knot_px, len(mirror) - SHAPE)
-    information: FloatArray = rows.T @ rows / _PIN**2
-    return information
+    return rows.T @ rows / _PIN**2
 
 
 def _evidence(fit: JointFit, expected: Expected, curvature: float) -> float:

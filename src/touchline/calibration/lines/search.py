@@ -168,8 +168,7 @@ def _few(pixels: FloatArray, rng: np.random.Generator) -> FloatArray:
         best = np.maximum(best, np.sum(near & (aside < _ROW_WIDTH_PX), axis=1))
     order = np.argsort(best < _ROW_NEIGHBOURS, kind="stable")
     in_rows = max(int(np.sum(best >= _ROW_NEIGHBOURS)), min(len(mixed), _MIN_POINTS))
-    few: FloatArray = np.ascontiguousarray(mixed[order[: min(in_rows, SEARCH_POINTS)]])
-    return few
+    return np.ascontiguousarray(mixed[order[: min(in_rows, SEARCH_POINTS)]])
 
 
 def _different(states: FloatArray, radius: float) -> list[FloatArray]:

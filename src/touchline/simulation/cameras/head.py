@@ -118,5 +118,4 @@ def _swing(settings: CameraSettings, track: Track, rng: np.random.Generator) -> 
     axes = [drift(rows, STEP_S, size, settings.mirror.vibration_s, each) for each in rng.spawn(2)]
     steps = np.hypot(track.driven[:, 0], track.driven[:, 1]) + _TURNING_M * np.abs(track.driven[:, 2])
     driving = np.minimum(steps / STEP_S / _DRIVING_M_S, 1.0)
-    swing: FloatArray = driving[:, np.newaxis] * np.stack(axes, axis=1)
-    return swing
+    return driving[:, np.newaxis] * np.stack(axes, axis=1)

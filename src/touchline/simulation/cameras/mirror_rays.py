@@ -81,8 +81,7 @@ def ground_of_rays(rays: FloatArray) -> FloatArray:
     """Where rays (N, 6) meet the ground (N, 2), body frame (m); NaN for rays that do not."""
     falling = rays[:, 5] < 0.0
     t = np.where(falling, -rays[:, 2] / np.where(falling, rays[:, 5], 1.0), np.nan)
-    ground: FloatArray = rays[:, :2] + t[:, np.newaxis] * rays[:, 3:5]
-    return ground
+    return rays[:, :2] + t[:, np.newaxis] * rays[:, 3:5]
 
 
 def design_range_table(profile: MirrorProfile, farthest_m: float = 180.0) -> tuple[FloatArray, FloatArray]:

@@ -343,5 +343,4 @@ def scale_table(camera: OmniCamera, farthest_m: float) -> FloatArray:
     middles, radii = 0.5 * (ranges[1:] + ranges[:-1]), camera.radius_px
     scales = np.diff(ranges) / np.diff(radii)
     at = np.arange(0.0, farthest_m + 2.0 * SCALE_STEP_M, SCALE_STEP_M)
-    table: FloatArray = np.column_stack((np.interp(at, middles, scales), np.interp(at, ranges, radii)))
-    return table
+    return np.column_stack((np.interp(at, middles, scales), np.interp(at, ranges, radii)))

@@ -60,8 +60,7 @@ class FeatureView:
         here, on, beside = np.split(self.camera.image_from_ground(pose.inverse().transform(moved)), 3)
         along, across = on - here, beside - here
         area = np.abs(along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0])
-        widths: FloatArray = area / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)
-        return widths
+        return area / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)
 
     def outwards(self, ground: FloatArray) -> FloatArray:
         """(N, 2) unit vectors in the image in which the range of ground points (N, 2), robot frame, grows."""

@@ -91,8 +91,7 @@ class ObservedFeatures:
     def arm_widths(self, pose: Pose) -> FloatArray:
         """(C,) how wide (px) the thinner arm of each of the field's crossings looks."""
         widths = [self.view.widths(pose, self._places, self._arms[:, k], self.field.line_width) for k in (0, 1)]
-        narrower: FloatArray = np.minimum(*widths)
-        return narrower
+        return np.minimum(*widths)
 
     def _crossings(self, looking: Looking, rng: np.random.Generator) -> Crossings:
         kinds, orientations = [], []
@@ -176,8 +175,7 @@ class ObservedFeatures:
     def _above(self, pose: Pose, places: FloatArray, height_m: float) -> FloatArray:
         """Where on the ground (N, 2) it seems to be what is at a height above places; field frame."""
         farther = self.noise.height_m / (self.noise.height_m - height_m)
-        seeming: FloatArray = (pose.x, pose.y) + farther * (places - (pose.x, pose.y))
-        return seeming
+        return (pose.x, pose.y) + farther * (places - (pose.x, pose.y))
 
     def lengths(self, pose: Pose, ends: FloatArray) -> FloatArray:
         """(L,) lengths in the image (px) of stretches (L, 2, 2), field frame."""
@@ -211,8 +209,7 @@ class ObservedFeatures:
         reach = halves[:, np.newaxis] * np.column_stack((np.cos(turns), np.sin(turns)))
         ends = looking.pose.transform(np.stack((middles - reach, middles + reach), axis=1).reshape(-1, 2))
         in_view = self.view.shows(looking, ends).reshape(-1, 2).all(axis=1)
-        shown: FloatArray = ends.reshape(-1, 2, 2)[in_view]
-        return shown
+        return ends.reshape(-1, 2, 2)[in_view]
 
     def _off_along(self, pose: Pose, stretches: FloatArray, rng: np.random.Generator) -> Seen:
         """The ends (2 L, 2) of stretches (L, 2, 2), field frame: off along their lines by metres, across by pixels."""

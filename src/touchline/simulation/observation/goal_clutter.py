@@ -59,8 +59,7 @@ def thread_table(goals: FloatArray, white: Sequence[bool], seed: int) -> FloatAr
         y = np.where(on_net, low + along * (high - low), np.where(k % 2, low, high) + 0.05 * aside)
         side = up**2 if foot else _MIN_RATIO + (1.0 - _MIN_RATIO) * up
         tables.append(np.column_stack((x, y, np.where(on_net, _NET_M * up, _SIDE_M * side))))
-    threads: FloatArray = np.concatenate([np.zeros((0, 3)), *tables])
-    return threads
+    return np.concatenate([np.zeros((0, 3)), *tables])
 
 
 @njit(cache=True, error_model="numpy")

@@ -212,11 +212,10 @@ def segment_table(segments: FloatArray, width: float, kind: float = LINE) -> Flo
     step = rows[:, 2:] - rows[:, :2]
     length = np.hypot(step[:, 0], step[:, 1])
     half = np.full(len(rows), 0.5 * width)
-    table: FloatArray = np.column_stack(
+    return np.column_stack(
         (0.5 * (rows[:, :2] + rows[:, 2:]), step / length[:, np.newaxis], 0.5 * length + half, half,
          np.full(len(rows), kind), np.arctan2(step[:, 1], step[:, 0]))
     )  # fmt: skip
-    return table
 
 
 def round_table(circles: FloatArray, arcs: FloatArray) -> FloatArray:

@@ -159,8 +159,7 @@ def _step(rays: Float32Array, axis: int) -> FloatArray:
     behind = np.roll(ahead, 1, axis=axis)
     found = [np.isfinite(step).all(axis=-1, keepdims=True) for step in (ahead, behind)]
     total = np.where(found[0], ahead, 0.0) + np.where(found[1], behind, 0.0)
-    mean: FloatArray = total / np.maximum(found[0].astype(np.int64) + found[1], 1)
-    return mean
+    return total / np.maximum(found[0].astype(np.int64) + found[1], 1)
 
 
 @njit(cache=True, error_model="numpy")

@@ -216,8 +216,7 @@ def _sway(motion: MotionSettings, poses: FloatArray, jumps: FloatArray, rng: np.
     uneven = np.stack([_smoothed(drift(n, STEP_S, 0.18 * size, 0.8, rng)) for _ in range(2)], axis=1)
     roll = size * np.sin(phase)
     pitch = size * (0.68 * np.sin(phase + 1.0) + 0.42 * np.sin(2.0 * phase + 0.4))
-    sway: FloatArray = effort[:, np.newaxis] * (np.stack((roll, pitch), axis=1) + uneven)
-    return sway
+    return effort[:, np.newaxis] * (np.stack((roll, pitch), axis=1) + uneven)
 
 
 def _smoothed(values: FloatArray) -> FloatArray:

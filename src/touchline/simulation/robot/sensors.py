@@ -211,8 +211,7 @@ def _middle_rates(angles: FloatArray) -> FloatArray:
     """(M, k) rates at the sensors' stamps of angles (N, k) at the track's rows: over half a period before and after."""
     middle = np.arange(0, len(angles), _STRIDE)
     before, after = np.maximum(middle - _STRIDE // 2, 0), np.minimum(middle + _STRIDE // 2, len(angles) - 1)
-    rates: FloatArray = (angles[after] - angles[before]) / (STEP_S * (after - before))[:, np.newaxis]
-    return rates
+    return (angles[after] - angles[before]) / (STEP_S * (after - before))[:, np.newaxis]
 
 
 def _per_sample(steps: FloatArray) -> FloatArray:
