@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import TypeVar
 
 import numpy as np
@@ -91,15 +91,16 @@ def _curve(title: str, lines: Sequence[tuple[FloatArray, str, float, str]], xlab
 
 def lu2013_timing(seeds: int) -> ExperimentResult:
     """1000 cycles of the particle part and of the matching part, each seed from another place; then the curve."""
-    matcher = Matcher(open_field(FIELD).distance_map())
-    ours, ideal = (
-        together(_lu_parts(matcher, seed, best) for seed in follow(range(seeds), name))
-        for best, name in ((False, "robots as built"), (True, "ideal robots"))
-    )
-    paper = together(_paper_parts(seed) for seed in follow(range(seeds), "in the paper's form"))
-    counts = follow(COUNTS, "numbers of particles")
-    curve_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, max(20, 20_000 // n), n))) for n in counts]
-    by_points_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, 200, points=n))) for n in POINT_COUNTS]
+    ours, ideal, paper = (
+        together(parts(seed) for seed in follow(range(seeds), name))
+        for parts, name in (
+            (_lu_parts, "robots as built"), (partial(_lu_parts, ideal=True), "ideal robots"),
+            (_paper_parts, "in the paper's form"),
+        )
+    )  # fmt: skip
+    matcher, counts = Matcher(open_field(FIELD).distance_map()), follow(COUNTS, "numbers of particles")
+    curve_us = [1e3 * float(_particle_cycles(matcher, 0, max(20, 20_000 // n), _particles(n)).min()) for n in counts]
+    by_points_us = [1e3 * float(_particle_cycles(matcher, 0, 200, points=n).min()) for n in POINT_COUNTS]
     weights_us, plain_us = _weights_and_twin(matcher)
     rows = [
         _row(name, said, ours[part], paper.get(part, ()), ideal[part])
@@ -143,11 +144,12 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
     )  # fmt: skip
 
 
-def _lu_parts(matcher: Matcher, seed: int, ideal: bool) -> dict[str, FloatArray]:
+def _lu_parts(seed: int, ideal: bool = False) -> dict[str, FloatArray]:
     """Milliseconds (CYCLES,) of particles, of the same with refined clusters, and of matching."""
+    matcher = Matcher(open_field(FIELD).distance_map())
     return {
         "particles": _particle_cycles(matcher, seed, CYCLES, ideal=ideal),
-        "refined": _particle_cycles(matcher, seed, CYCLES, refined=5, ideal=ideal),
+        "refined": _particle_cycles(matcher, seed, CYCLES, _particles(refined=5), ideal=ideal),
         "matching": _matching_cycles(matcher, seed, ideal),
     }
 
@@ -157,7 +159,7 @@ def _paper_parts(seed: int) -> dict[str, FloatArray]:
     settings = paper_settings("nubot-mcl")
     assert isinstance(settings, NubotMclSettings)
     matcher = Matcher(open_field(FIELD).distance_map(), settings.matching)
-    particles = _cycles_of(matcher, seed, CYCLES, settings.particles)
+    particles = _particle_cycles(matcher, seed, CYCLES, settings.particles)
     return {"particles": particles, "matching": _matching_cycles(matcher, seed)}
 
 
@@ -172,23 +174,19 @@ def _seen(seed: int, ideal: bool) -> tuple[Pose, FloatArray]:
             return pose, np.ascontiguousarray(points[rng.permutation(len(points))[:POINTS]])
 
 
+def _particles(count: int = 600, refined: int = 0) -> NubotParticleSettings:
+    """Those that are resampled in every cycle."""
+    paper = NubotParticlePaper(refined_clusters=refined, resampling_threshold=1.0)
+    return NubotParticleSettings(particles=count, paper=paper)
+
+
 def _particle_cycles(
-    matcher: Matcher, seed: int, cycles: int, particles: int = 600, refined: int = 0, points: int = POINTS,
-    ideal: bool = False,
-) -> FloatArray:  # fmt: skip
-    settings = NubotParticleSettings(
-        particles=particles, paper=NubotParticlePaper(refined_clusters=refined, resampling_threshold=1.0)
-    )
-    return _cycles_of(matcher, seed, cycles, settings, points, ideal)
-
-
-def _cycles_of(
-    matcher: Matcher, seed: int, cycles: int, settings: NubotParticleSettings, points: int = POINTS,
+    matcher: Matcher, seed: int, cycles: int, settings: NubotParticleSettings | None = None, points: int = POINTS,
     ideal: bool = False,
 ) -> FloatArray:  # fmt: skip
     pose, seen = _seen(seed, ideal)
     chosen = np.resize(seen, (points, 2))  # more than are seen: again from the first on
-    mcl = NubotParticles(matcher, 18.0, 12.0, np.random.default_rng(seed), settings)
+    mcl = NubotParticles(matcher, 18.0, 12.0, np.random.default_rng(seed), settings or _particles())
     mcl.restart(pose.heading)
 
     def cycle() -> None:
