@@ -15,7 +15,8 @@ from fakes import FakeSource, FakeSystem, true_samples, write_recording
 import touchline
 from touchline.errors import InputError
 from touchline.evaluation import Run
-from touchline.evaluation.notebook import jumps, path_picture
+from touchline.evaluation.notebook import path_picture
+from touchline.evaluation.run_data import carried_rows
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
 from touchline.systems import SYSTEMS, open_system
@@ -132,7 +133,7 @@ def test_a_run_shows_its_errors_and_its_path(run: Run) -> None:
 def test_a_robot_that_was_carried_leaves_a_gap_in_its_path() -> None:
     poses = true_samples(20).values.copy()
     poses[12:, 0] += 5.0
-    assert jumps(poses).tolist() == [12]
+    assert carried_rows(poses).tolist() == [12]
     field, truth = touchline.open_field("msl-18x12"), touchline.Samples(true_samples(20).stamp_ns, poses)
     assert path_picture(field, truth, np.zeros(20, np.int8), truth).shape[2] == 3
 

@@ -35,6 +35,17 @@ def circular_mean(angles_rad: npt.ArrayLike, weights: npt.ArrayLike | None = Non
     return wrap_angle(math.atan2(float(np.sum(scale * np.sin(angles))), float(np.sum(scale * np.cos(angles)))))
 
 
+def runs_of(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """First index and end (K, 2) of each run of true flags (N,), in order."""
+    return np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8))).reshape(-1, 2)
+
+
+def longest_run(flags: npt.NDArray[np.bool_]) -> tuple[int, int]:
+    """First index and end of the longest run of true flags (N,), the first of several; 0, 0 without any."""
+    first, end = max(runs_of(flags).tolist(), key=lambda run: run[1] - run[0], default=(0, 0))
+    return first, end
+
+
 class Pose(NamedTuple):
     """A planar pose, read as the transform `target_from_source` of the frame it places.
 

@@ -13,7 +13,7 @@ from touchline.camera import PERSPECTIVE_MODELS
 from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
 from touchline.field.association import FieldAssociations
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import FloatArray, runs_of, wrap_angles
 from touchline.sources.description import FIELD, finite_number
 from touchline.sources.folder import SENSOR_COLUMNS
 from touchline.sources.problems import Problem, ProblemKind
@@ -112,7 +112,7 @@ def check_stuck(survey: Survey) -> Iterator[Finding]:
     ):
         still = ~np.any([survey.column_changed(name)[1:] for name in names], axis=0)
         still &= np.isfinite(survey.column(own)[1:])
-        for start, stop in _runs(still):
+        for start, stop in runs_of(still):
             seconds = survey.stamps_s[stop] - survey.stamps_s[start]
             seen = float(np.nansum(others[own][start:stop]))  # a gyro may well be constant, in a steady turn
             witnesses = [steps[start:stop] for name, steps in others.items() if name != own]
@@ -240,9 +240,3 @@ def _agreement(a: npt.NDArray[np.complex128], b: npt.NDArray[np.complex128]) -> 
 
 def _travel(survey: Survey, first: str, second: str) -> FloatArray:
     return np.hypot(np.diff(survey.column(first)), np.diff(survey.column(second)))
-
-
-def _runs(mask: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Start and stop of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

@@ -15,7 +15,7 @@ from touchline.errors import InputError
 from touchline.evaluation.metrics import BoolArray, associate, signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_data import RIGHT_M, RIGHT_RAD, RunData
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import FloatArray, runs_of, wrap_angles
 from touchline.sources import Recording
 from touchline.types import Status
 
@@ -93,11 +93,10 @@ class Comparison:
         """Where a run and the first part, in the order of time; at most the five longest."""
         apart = self.apart(index)
         times = self.first.seconds(self.first.table.trajectory.stamp_ns)
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], apart.astype(np.int8), [0]))))
         distance = self.distances_m(index)
         found = [
             Stretch(float(times[a]), float(times[b - 1]), float(np.nanmax(distance[a:b])), int(b - a))
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
+            for a, b in runs_of(apart)
         ]
         return sorted(sorted(found, key=lambda one: -one.images)[:_MAX_STRETCHES])
 

@@ -12,9 +12,9 @@ import numpy as np
 from touchline.errors import InputError
 from touchline.evaluation.estimates import PROBABILITIES, PROTECTION
 from touchline.evaluation.metrics import signed_errors
+from touchline.evaluation.run_data import carried_rows
 from touchline.field import FieldModel
 from touchline.field.drawing import Color, draw_field, field_view
-from touchline.geometry import FloatArray
 from touchline.palette import BLUE, ORANGE, VERMILLION, bgr
 from touchline.types import ImageArray, Mode, Samples, Status
 
@@ -52,7 +52,7 @@ def path_picture(field: FieldModel, estimates: Samples, status: Any, truth: Samp
     picture, view = draw_field(field, _SCALE), field_view(field, _SCALE)
     if truth is not None and len(truth):
         pixels = np.round(view.picture_from_field(truth.values[:, :2])).astype(np.int32)
-        for part in np.split(pixels, jumps(truth.values)):
+        for part in np.split(pixels, carried_rows(truth.values)):
             cv2.polylines(picture, [part.reshape(-1, 1, 2)], False, _TRUTH, 1, cv2.LINE_AA)
     placed = np.clip(view.picture_from_field(estimates.values[:, :2]), -1e6, 1e6)
     colors = [_STATUS_COLORS[tuple(Status)[number]] for number in status]
@@ -60,13 +60,6 @@ def path_picture(field: FieldModel, estimates: Samples, status: Any, truth: Samp
         for (u, v), paint in zip(placed, paints, strict=True):
             cv2.circle(picture, (round(u), round(v)), radius, paint, -1, cv2.LINE_AA)
     return picture
-
-
-def jumps(poses: FloatArray, far_m: float = 0.5) -> Any:
-    """Indices of the rows of poses (N, 3) to which the robot did not drive: it was carried there."""
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    return np.flatnonzero(steps > max(far_m, 10.0 * usual)) + 1
 
 
 def run_frame(run: Run) -> Any:

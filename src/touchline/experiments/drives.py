@@ -15,7 +15,7 @@ from touchline.camera import Camera
 from touchline.config import Settings
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
@@ -221,8 +221,8 @@ def followed(
 
 def longest(marked: BoolArray) -> int:
     """Most frames in a row that are marked, of (N,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    first, end = longest_run(marked)
+    return end - first
 
 
 @dataclass(frozen=True, slots=True)

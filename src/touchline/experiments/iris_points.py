@@ -17,7 +17,7 @@ from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording
 from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, runs_of
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
 
@@ -79,9 +79,7 @@ def standing(driven: iris.IrisDrive) -> list[npt.NDArray[np.int64]]:
     No more than 20 places: a simulated tour begins anew after them.
     """
     still = (np.diff(driven.truth, axis=0) == 0.0).all(axis=1)
-    changes = np.diff(np.concatenate(([False], still, [False])).astype(np.int8))
-    starts, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
-    return [np.arange(first, last + 1, dtype=np.int64) for first, last in zip(starts, ends, strict=True)][:PLACES]
+    return [np.arange(first, last + 1, dtype=np.int64) for first, last in runs_of(still)[:PLACES]]
 
 
 def errors_at_places(driven: iris.IrisDrive, system: str) -> FloatArray:

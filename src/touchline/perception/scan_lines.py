@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, runs_of
 
 FILL_FROM = 0.5  # share of the outer radius from which short rays stand between the others
 _MAX_SAMPLES = 10_000_000
@@ -98,5 +98,4 @@ def _inside(path: FloatArray, closed: int, camera: OmniCamera) -> list[tuple[Flo
     first = int(np.argmin(inside[:closed]))  # go round once, from where the circle leaves the image
     order = (first + np.arange(closed)) % closed
     path, inside = path[order], inside[order]
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
-    return [(path[low:high], 0) for low, high in zip(edges[::2], edges[1::2], strict=True)]
+    return [(path[low:high], 0) for low, high in runs_of(inside)]

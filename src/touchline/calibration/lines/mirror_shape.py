@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.lines.equations import (
     BEND_X,
@@ -18,7 +17,7 @@ from touchline.calibration.lines.equations import (
     STEEPEST_RAD,
 )
 from touchline.camera import OmniCamera
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import FloatArray, longest_run, wrap_angles
 
 _DIRECTIONS = 72
 _STEP_PX = 2.0
@@ -88,7 +87,7 @@ class MirrorShape:
         offsets = wrap_angles(np.arctan2(ground[..., 1], ground[..., 0]) - bearings[:, np.newaxis])
         fine = (np.abs(offsets) < _MAX_OFFSET_RAD).all(axis=0)
         fine &= np.concatenate(([True], (np.diff(ranges, axis=1) > _MIN_RISE_M).all(axis=0)))
-        first, last = _longest_run(fine)
+        first, last = longest_run(fine)
         kept = slice(first, last)
         rows = np.mod(bearings + mount_yaw_rad, 2.0 * np.pi)
         order = np.argsort(rows)
@@ -113,11 +112,3 @@ def spline_rows(radius_px: FloatArray, knot_px: float, count: int) -> FloatArray
     at = np.clip(radius_px / knot_px, 0.0, count - 3.0)
     rows: FloatArray = BSpline.design_matrix(at, np.arange(-3.0, count + 1.0), 3).toarray()
     return rows
-
-
-def _longest_run(fine: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """First and end of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], fine, [False])).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    k = int(np.argmax(ends - starts))
-    return int(starts[k]), int(ends[k])

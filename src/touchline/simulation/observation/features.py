@@ -18,7 +18,7 @@ import numpy as np
 from touchline.camera import Camera
 from touchline.field import Crossing, FieldModel
 from touchline.field.model import Goal
-from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.observation.feature_noise import FeatureNoise, LandmarkNoise
 from touchline.simulation.observation.feature_view import FeatureView, Looking, Mask, Seen, logistic, tail_variance
 from touchline.simulation.observation.observed_lines import NO_BODIES, NO_SECTORS, occluders
@@ -166,7 +166,7 @@ class ObservedFeatures:
         stretches = []
         parts = np.split(in_view, np.cumsum([len(places) for places in paths]))
         for places, visible in zip(paths, parts, strict=False):
-            first, last = _longest_run(visible)
+            first, last = longest_run(visible)
             ends = places[[first, last - 1]] if last > first else places[:0]
             long_enough = len(ends) > 0 and math.hypot(*(ends[1] - ends[0])) >= self.noise.shortest_line_m
             stretches.append(ends if long_enough else ends[:0])
@@ -321,12 +321,3 @@ def _steps_along(segment: FloatArray) -> FloatArray:
     x1, y1, x2, y2 = segment.tolist()
     steps = max(2, math.ceil(math.hypot(x2 - x1, y2 - y1) / _STEP_M) + 1)
     return np.linspace((x1, y1), (x2, y2), steps)
-
-
-def _longest_run(flags: np.ndarray) -> tuple[int, int]:
-    """First index and end of the longest run of true flags (N,); (0, 0) if there is none."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    if len(edges) == 0:
-        return 0, 0
-    best = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * best]), int(edges[2 * best + 1])
