@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -83,17 +84,12 @@ def run_frame(run: Run) -> Any:
     columns |= {name: values for name, values in estimated.items() if not np.isnan(values).all()}
     if any(table.reasons):
         columns["reason"] = np.array(table.reasons)[table.reason]
-    if (truth := _known_truth(run)) is not None:
+    truth = None
+    with suppress(InputError):  # the recording may no longer be where it was
+        truth = run.truth
+    if truth is not None:
         errors = signed_errors(table.trajectory, truth)
         for column, name in enumerate(("error_x_m", "error_y_m", "error_heading_rad")):
             columns[name] = np.full(len(table), np.nan)
             columns[name][errors.rows] = errors.values[:, column]
     return pandas.DataFrame(columns, index=pandas.Index(table.trajectory.stamp_ns, name="stamp_ns"))
-
-
-def _known_truth(run: Run) -> Samples | None:
-    """None, too, where the recording is no longer where it was."""
-    try:
-        return run.truth
-    except InputError:
-        return None

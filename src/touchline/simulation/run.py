@@ -170,9 +170,8 @@ class Simulation:
         """One frame by its index, with all samples that arrived since the frame before."""
         index = range(len(self))[index]  # from the end, too
         self._index, self._grabs = index, 0
-        odometry, wheels, imu = (
-            _part(log, ends[index], ends[index + 1]) for log, ends in zip(self.sensors, self._sample_ends, strict=True)
-        )
+        spans = [(log, *ends[index : index + 2]) for log, ends in zip(self.sensors, self._sample_ends, strict=True)]
+        odometry, wheels, imu = (Samples(s.stamp_ns[a:b], s.values[a:b]) if b > a else None for s, a, b in spans)
         images, stamp_ns = self.level == "images", int(self.image_stamps[index])
         return Frame(
             stamp_ns=stamp_ns,
@@ -320,7 +319,3 @@ def _middles_of_stands(poses: FloatArray) -> FloatArray:
     last = np.flatnonzero(still[:-1] & ~still[1:])
     long_enough = (last - first) * STEP_S > 0.3
     return 0.5 * STEP_S * (first + last)[long_enough]
-
-
-def _part(samples: Samples, first: int, end: int) -> Samples | None:
-    return Samples(samples.stamp_ns[first:end], samples.values[first:end]) if end > first else None

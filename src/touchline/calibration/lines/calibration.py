@@ -109,7 +109,8 @@ def refined(
 ) -> LineCalibration:
     """The calibration that a candidate becomes with all points, bend and curve. Raises NoFitError as above."""
     lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
-    begin = one_half(start.poses) if _is_symmetric(field) else start.poses
+    turned = field.line_distances(-np.concatenate(field.polylines(0.2)))
+    begin = one_half(start.poses) if turned.max() < 0.5 * field.line_width else start.poses
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
     level = fit_in_steps(seen, starting(start.mirror, begin, lines), expected, lines)
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
@@ -206,10 +207,6 @@ def one_half(poses: FloatArray) -> FloatArray:
     turned = np.column_stack((-poses[:, :2], poses[:, 2] + np.pi))
     gaps = [np.hypot(*(some[:, :2] - poses[0, :2]).T) for some in (poses, turned)]
     return np.where((gaps[0] <= gaps[1])[:, np.newaxis], poses, turned)
-
-
-def _is_symmetric(field: FieldModel) -> bool:
-    return bool(field.line_distances(-np.concatenate(field.polylines(0.2))).max() < 0.5 * field.line_width)
 
 
 def turning_axis(poses: FloatArray) -> tuple[FloatArray, float | None]:

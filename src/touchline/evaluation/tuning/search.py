@@ -113,8 +113,8 @@ def _proposed(optuna: Any, search: Search, trials: Sequence[Trial]) -> list[tupl
     if not trials:
         return [()]
     ranges = {one.key: _distribution(optuna, one) for one in search.dimensions}
-    chance = [search.seed, len(trials)]
-    sampler = optuna.samplers.TPESampler(seed=_seed_of(chance), constant_liar=True)
+    chance = np.random.SeedSequence([search.seed, len(trials)])
+    sampler = optuna.samplers.TPESampler(seed=int(chance.generate_state(1)[0]), constant_liar=True)
     study = optuna.create_study(sampler=sampler)
     for trial in trials:
         if trial.values and math.isfinite(trial.cost_m):
@@ -122,10 +122,6 @@ def _proposed(optuna: Any, search: Search, trials: Sequence[Trial]) -> list[tupl
             study.add_trial(known)
     asked = [study.ask(ranges) for _ in range(search.together)]
     return [tuple((one.key, trial.params[one.key]) for one in search.dimensions) for trial in asked]
-
-
-def _seed_of(chance: Sequence[int]) -> int:
-    return int(np.random.SeedSequence(chance).generate_state(1)[0])
 
 
 def _distribution(optuna: Any, one: Dimension) -> Any:
@@ -148,9 +144,9 @@ def _tried(search: Search, proposed: Sequence[tuple[tuple[str, Any], ...]], work
 
 def _keep(journal: Path, search: Search, trials: Sequence[Trial]) -> None:
     lines = [_as_read(search.to_dict())]
-    lines += [
-        {"values": dict(trial.values), "scores": trial.scores, "cost_m": _finite(trial.cost_m)} for trial in trials
-    ]
+    for trial in trials:
+        cost_m = trial.cost_m if math.isfinite(trial.cost_m) else None
+        lines.append({"values": dict(trial.values), "scores": trial.scores, "cost_m": cost_m})
     text = "".join(json.dumps(line, allow_nan=True) + "\n" for line in lines)
     replace_file(journal, text.encode())
 
@@ -158,10 +154,6 @@ def _keep(journal: Path, search: Search, trials: Sequence[Trial]) -> None:
 def _trial(line: dict[str, Any]) -> Trial:
     scores = line["scores"]
     return Trial(tuple(line["values"].items()), None if scores is None else tuple(Score(*score) for score in scores))
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _as_read(tree: dict[str, Any]) -> dict[str, Any]:

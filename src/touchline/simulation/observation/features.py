@@ -17,7 +17,6 @@ import numpy as np
 
 from touchline.camera import Camera
 from touchline.field import Crossing, FieldModel
-from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.observation.feature_noise import FeatureNoise, LandmarkNoise
 from touchline.simulation.observation.feature_view import FeatureView, Looking, Mask, Seen, logistic, tail_variance
@@ -53,7 +52,8 @@ class ObservedFeatures:
         self.view = FeatureView(camera, self.noise.farthest_m, self.noise.tail, view_rad)
         self._along = [_steps_along(segment) for segment in field.segments]  # of each straight line
         coloured = [goal for goal in field.goals if goal.color != "white"] if self.noise.net_ratio > 0.0 else []
-        self._nets = [_steps_along(np.array(_net_foot(goal))) for goal in coloured]
+        backs = [(goal.x + math.copysign(goal.depth, goal.x), *goal.y_posts) for goal in coloured]
+        self._nets = [_steps_along(np.array((x, ys[0], x, ys[-1]))) for x, *ys in backs]
         ratios = [self.noise.line_ratio] * len(self._along) + [self.noise.net_ratio] * len(self._nets)
         self._line_ratios = np.array(ratios)
         self._places = np.array([(c.x, c.y) for c in field.crossings]).reshape(-1, 2)
@@ -297,12 +297,6 @@ def _direction(places: FloatArray) -> FloatArray:
     step = places[-1] - places[0]
     direction: FloatArray = step / math.hypot(step[0], step[1])
     return direction
-
-
-def _net_foot(goal: Goal) -> tuple[float, float, float, float]:
-    """x1, y1, x2, y2 of the back of a goal's net, on the ground."""
-    x = goal.x + math.copysign(goal.depth, goal.x)
-    return x, goal.y_posts[0], x, goal.y_posts[-1]
 
 
 def _arms(crossing: Crossing) -> FloatArray:
