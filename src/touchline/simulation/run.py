@@ -170,8 +170,12 @@ class Simulation:
         """One frame by its index, with all samples that arrived since the frame before."""
         index = range(len(self))[index]  # from the end, too
         self._index, self._grabs = index, 0
-        spans = [(log, *ends[index : index + 2]) for log, ends in zip(self.sensors, self._sample_ends, strict=True)]
-        odometry, wheels, imu = (Samples(s.stamp_ns[a:b], s.values[a:b]) if b > a else None for s, a, b in spans)
+        odometry, wheels, imu = (
+            Samples(log.stamp_ns[new], log.values[new]) if new.stop > new.start else None
+            for log, new in zip(
+                self.sensors, (slice(*ends[index : index + 2]) for ends in self._sample_ends), strict=True
+            )
+        )
         images, stamp_ns = self.level == "images", int(self.image_stamps[index])
         return Frame(
             stamp_ns=stamp_ns,
