@@ -18,7 +18,17 @@ from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.evaluation.metrics import ErrorTable
 from touchline.experiments.drives import Drive, Track, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, paper_cells, percent, spread
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    computed,
+    paper_cells,
+    percent,
+    spread,
+    together,
+)
 from touchline.experiments.scenes import BLUE, RED, dots, new_figure, way
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
@@ -106,38 +116,30 @@ class Run:
         return float("inf") if errors is None else float(np.hypot(errors.x.mean, errors.y.mean))
 
 
-class _Camera:
-    """The simulated camera as the control wants it. `show`: the image that the next grab gives."""
+class ControlledExposure:
+    """The closed loop: image after image of a simulation, its exposure kept right. The robot waits for a search.
 
-    def __init__(self, simulation: Simulation) -> None:
+    It is the camera that its control asks, and gives an image that is already taken before it takes another.
+    """
+
+    def __init__(self, simulation: Simulation, paper: bool = False) -> None:
         self._simulation = simulation
-        self._ready: ImageArray | None = None
-
-    def show(self, image: ImageArray | None) -> None:
-        self._ready = image
+        self._taken: ImageArray | None = None
+        # at a few images per second each is looked at; the paper looks every few cycles of 25 per second
+        settings = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER if paper else None)
+        self.control = ExposureControl(self, mirror_masks(simulation.camera), settings, START_MS)
 
     def set(self, exposure_ms: float, gain: float) -> None:
         self._simulation.set(exposure_ms, gain)
-        self._ready = None  # it was taken with other settings
+        self._taken = None  # with other settings
 
     def grab(self) -> ImageArray:
-        image, self._ready = self._ready, None
+        image, self._taken = self._taken, None
         return self._simulation.grab() if image is None else image
-
-
-class ControlledExposure:
-    """The closed loop: image after image of a simulation, its exposure kept right. The robot waits for a search."""
-
-    def __init__(self, simulation: Simulation, paper: bool = False) -> None:
-        self.camera = _Camera(simulation)
-        # at a few images per second each is looked at; the paper looks every few cycles of 25 per second
-        settings = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER if paper else None)
-        self.control = ExposureControl(self.camera, mirror_masks(simulation.camera), settings, START_MS)
 
     def image(self, taken: ImageArray | None) -> tuple[ImageArray, bool]:
         """The image to work with, where `taken` was taken with the settings of now; whether they were searched."""
-        self.camera.show(taken)
-        searching = self.control.waiting
+        self._taken, searching = taken, self.control.waiting
         image = self.control.step()
         searching |= self.control.waiting
         while self.control.waiting:
@@ -249,53 +251,43 @@ COLUMNS = (
 )  # fmt: skip
 BUILT = 3  # robots as built, of whom more would take too long
 WITHOUT = (SECOND, THIRD, GLASS)  # cases that are driven without control, too
+JOBS = (*((case, True) for case in CASES), *((case, False) for case in WITHOUT))
+FORMS = OURS, PAPER_FORM, IDEAL = "ours", "its form", "ideal"
 
-
-Job = tuple[str, bool]  # a case's name and whether the exposure is controlled (False: the first case's settings)
-Runs = Mapping[str, Mapping[Job, Sequence[Run]]]  # by form: ours, paper, ideal
+Runs = Mapping[tuple[str, str, bool], Sequence[Run]]  # by form, case and whether the exposure is controlled
 
 
 def lu2013_lighting(seeds: int) -> ExperimentResult:
     """Table 2: each case with exposure control, some also with the settings that suited the first case."""
-    ideals = [(seed, True) for seed in range(seeds)]
-    with tempfile.TemporaryDirectory() as folder:
-        best, robots = {}, {}
-        for seed, ideal in follow([*((seed, False) for seed in range(min(seeds, BUILT))), *ideals], "colours"):
-            robots[seed, ideal] = Robot(seed, Path(folder, f"{seed}-{ideal}.npz"), ideal)
-            best[seed, ideal] = learned_colours(seed, robots[seed, ideal].colours, ideal=ideal)
-        runs = _all_runs(list(robots.values()), best)
-        dark = [
-            points_in_the_dark(seed, robots[seed, True].colours, best[seed, True])
-            for seed in follow(range(seeds), "places in the dark")
-        ]
-    rows = [row for case in CASES for row in _rows(case, True, runs)]
-    rows += [row for case in WITHOUT for row in _rows(case, False, runs)]
+    robots = [(seed, ideal) for ideal in (False, True) for seed in range(seeds if ideal else min(seeds, BUILT))]
+    measured = list(computed(_of_robot, robots, "robots"))
+    runs, dark = together(driven for driven, _ in measured), [each for _, each in measured if len(each)]
     return ExperimentResult(
         "Table 2 of Lu et al. 2013: errors under other light, colours learned in the first case only",
         COLUMNS,
-        rows,
+        [row for case, control in JOBS for row in _rows(case, control, runs)],
         _headline(runs),
-        (*_NOTES, _switched_off(runs["ours"][THIRD.name, False]), _darkness(dark), _exposures(runs["ours"])),
+        (*_NOTES, _switched_off(runs[OURS, THIRD.name, False]), _darkness(dark), _exposures(runs)),
         (
-            ("tracks", _tracks_figure([(c.name, runs["ours"][c.name, True][0]) for c in (FIRST, SECOND, THIRD)])),
-            ("exposure", _exposure_figure(runs["ours"])),
+            ("tracks", _tracks_figure([(c.name, runs[OURS, c.name, True][0]) for c in (FIRST, SECOND, THIRD)])),
+            ("exposure", _exposure_figure(runs)),
         ),
     )
 
 
-def _all_runs(robots: Sequence[Robot], best: Mapping[tuple[int, bool], tuple[float, float]]) -> Runs:
-    """All drives; best: exposure (ms) and gain of the first case, by seed and whether the robot is ideal."""
-    jobs = [(case, True) for case in CASES] + [(case, False) for case in WITHOUT]
-    runs: dict[str, dict[Job, list[Run]]] = {
-        form: {(case.name, control): [] for case, control in jobs} for form in ("ours", "paper", "ideal")
-    }
-    every = [(robot, job) for robot in robots for job in jobs if not robot.ideal or _has_ideal(*job)]
-    for robot, (case, control) in follow(every, "drives"):
-        fixed = None if control else best[robot.seed, robot.ideal]
-        runs["ideal" if robot.ideal else "ours"][case.name, control].append(drive(case, robot, fixed))
-        if control and case.paper is not None and not robot.ideal:
-            runs["paper"][case.name, control].append(drive(case, replace(robot, paper=True), None))
-    return runs
+def _of_robot(task: tuple[int, bool]) -> tuple[dict[tuple[str, str, bool], Run], FloatArray]:
+    """All drives of a robot, as built or ideal, and of an ideal one its `points_in_the_dark`."""
+    seed, ideal = task
+    runs: dict[tuple[str, str, bool], Run] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        robot = Robot(seed, Path(folder, "colours.npz"), ideal)
+        best = learned_colours(seed, robot.colours, ideal=ideal)
+        for case, control in JOBS:
+            if not ideal or case is GLASS or (control and case.paper is not None):
+                runs[IDEAL if ideal else OURS, case.name, control] = drive(case, robot, None if control else best)
+            if not ideal and control and case.paper is not None:
+                runs[PAPER_FORM, case.name, control] = drive(case, replace(robot, paper=True), None)
+        return runs, points_in_the_dark(seed, robot.colours, best) if ideal else np.zeros(0)
 
 
 _NOTES = (
@@ -326,7 +318,7 @@ _NOTES = (
 
 def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
     """Mean, standard deviation and maximum, as the paper has them."""
-    ours, paper, ideal = (runs[form][case.name, control] for form in ("ours", "paper", "ideal"))
+    ours, paper, ideal = (runs.get((form, case.name, control), ()) for form in FORMS)
     rows: list[Row] = []
     said = case.paper if control else None
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
@@ -335,17 +327,14 @@ def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
         more: Row = ("",) * 6
         if k == 0:
             theirs = NONE if said is None else f"{paper_ratio(case):.2f}"
-            ratios = (_of_the_first(some, runs[form]) for some, form in ((paper, "paper"), (ours, "ours")))
+            ratios = (
+                _of_the_first(some, runs[form, FIRST.name, True]) for some, form in ((paper, PAPER_FORM), (ours, OURS))
+            )
             points = spread([float(run.track.points.mean()) for run in ours], 0)
             head = (case.name, "controlled" if control else "as in the first")
             more, last = (theirs, *ratios, points, _tracked(paper), _tracked(ours)), _tracked(ideal)
         rows.append((*head, title, *cells, *more, _figure(ideal, "position", key), last))
     return rows
-
-
-def _has_ideal(case: Case, control: bool) -> bool:
-    """Whether ideal robots drive it: the paper's cases, and clear glass both ways."""
-    return case is GLASS or (control and case.paper is not None)
 
 
 def _figure(runs: Sequence[Run], name: str, key: str) -> str:
@@ -358,9 +347,9 @@ def _tracked(runs: Sequence[Run]) -> str:
     return percent([float(run.track.tracking.mean()) for run in runs])
 
 
-def _of_the_first(runs: Sequence[Run], every: Mapping[Job, Sequence[Run]]) -> str:
-    ratios = [run.mean_xy_m / first.mean_xy_m for run, first in zip(runs, every[FIRST.name, True], strict=False)]
-    return spread(ratios) if np.isfinite(ratios).all() else "–"
+def _of_the_first(runs: Sequence[Run], firsts: Sequence[Run]) -> str:
+    ratios = [run.mean_xy_m / first.mean_xy_m for run, first in zip(runs, firsts, strict=False)]
+    return spread(ratios) if np.isfinite(ratios).all() else NONE
 
 
 def paper_ratio(case: Case) -> float:
@@ -371,20 +360,18 @@ def paper_ratio(case: Case) -> float:
 
 
 def _headline(runs: Runs) -> Headline:
-    def error_m(every: Mapping[Job, Sequence[Run]], case: Case) -> float:
-        return float(np.mean([run.mean_xy_m for run in every[case.name, True]]))
-
-    def ratios(every: Mapping[Job, Sequence[Run]]) -> str:
-        return ", ".join(f"{error_m(every, case) / error_m(every, FIRST):.2f}" for case in (SECOND, THIRD))
+    def ratios(form: str) -> str:
+        errors_m = [float(np.mean([run.mean_xy_m for run in runs[form, c.name, True]])) for c in (SECOND, THIRD, FIRST)]
+        return ", ".join(f"{error_m / errors_m[-1]:.2f}" for error_m in errors_m[:-1])
 
     def points(case: Case, control: bool) -> float:
-        return float(np.mean([run.track.points.mean() for run in runs["ours"][case.name, control]]))
+        return float(np.mean([run.track.points.mean() for run in runs[OURS, case.name, control]]))
 
     left = [100.0 * points(case, False) / points(FIRST, True) for case in (SECOND, THIRD)]
     return Headline(
         "mean error of the second and third case over the first's; line points left without control",
-        f"{paper_ratio(SECOND):.2f}, {paper_ratio(THIRD):.2f}; none, –",
-        f"{ratios(runs['ours'])}; {left[0]:.0f} %, {left[1]:.0f} %; ideal {ratios(runs['ideal'])}",
+        f"{paper_ratio(SECOND):.2f}, {paper_ratio(THIRD):.2f}; none, {NONE}",
+        f"{ratios(OURS)}; {left[0]:.0f} %, {left[1]:.0f} %; ideal {ratios(IDEAL)}",
     )
 
 
@@ -413,16 +400,14 @@ def _darkness(dark: Sequence[FloatArray]) -> str:
     )
 
 
-def _exposures(runs: Mapping[Job, Sequence[Run]]) -> str:
+def _exposures(runs: Runs) -> str:
     """How far the control moved."""
-    base = np.mean([run.stops[0] for run in runs[FIRST.name, True]])
-    found = {case.name: 2.0 ** (np.mean([run.stops.mean() for run in runs[case.name, True]]) - base) for case in CASES}
-    least = {case.name: 2.0 ** (np.max([run.stops.max() for run in runs[case.name, True]]) - base) for case in CASES}
-    return (
-        "Exposure times gain under control, over that of the first case's start: "
-        + ", ".join(f"{name}: {value:.2f} (at most {least[name]:.2f})" for name, value in found.items())
-        + "."
-    )
+    stops = {case.name: [run.stops for run in runs[OURS, case.name, True]] for case in CASES}
+    base = np.mean([each[0] for each in stops[FIRST.name]])
+    means = {name: 2.0 ** (np.mean([one.mean() for one in each]) - base) for name, each in stops.items()}
+    most = {name: 2.0 ** (np.max([one.max() for one in each]) - base) for name, each in stops.items()}
+    said = ", ".join(f"{name}: {mean:.2f} (at most {most[name]:.2f})" for name, mean in means.items())
+    return f"Exposure times gain under control, over that of the first case's start: {said}."
 
 
 def _tracks_figure(drives: Sequence[tuple[str, Run]]) -> Figure:
@@ -436,19 +421,19 @@ def _tracks_figure(drives: Sequence[tuple[str, Run]]) -> Figure:
     return figure
 
 
-def _exposure_figure(every: Mapping[Job, Sequence[Run]]) -> Figure:
+def _exposure_figure(runs: Runs) -> Figure:
     """Line points and exposure over time, with control and without."""
-    shown = WITHOUT
-    figure, axes = new_figure(2, len(shown), (4.6 * len(shown), 5.4))
-    for k, case in enumerate(shown):
+    columns = len(WITHOUT)
+    figure, axes = new_figure(2, columns, (4.6 * columns, 5.4))
+    for k, case in enumerate(WITHOUT):
         for control, colour, label in ((True, BLUE, "controlled"), (False, RED, "as in the first case")):
-            run = every[case.name, control][0]
+            run = runs[OURS, case.name, control][0]
             seconds = (np.arange(len(run.track.points)) + 1) / RATE_HZ
             axes[k].plot(seconds, run.track.points, color=colour, linewidth=1.0, label=label)
-            axes[k + len(shown)].plot(seconds, 2.0**run.stops, color=colour, linewidth=1.2)
+            axes[k + columns].plot(seconds, 2.0**run.stops, color=colour, linewidth=1.2)
         axes[k].set(title=case.name, ylim=(0, None))
-        axes[k + len(shown)].set(yscale="log", xlabel="time (s)", ylim=(4.0, 1200.0))
+        axes[k + columns].set(yscale="log", xlabel="time (s)", ylim=(4.0, 1200.0))
     axes[0].set_ylabel("line points")
-    axes[len(shown)].set_ylabel("exposure · gain (ms)")
+    axes[columns].set_ylabel("exposure · gain (ms)")
     axes[2].legend(frameon=False, loc="lower right")
     return figure
