@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from touchline.camera import open_camera
+from touchline.camera import OmniCamera, open_camera
 from touchline.cli import main
 from touchline.config import load_settings
 from touchline.errors import InputError
@@ -21,7 +21,6 @@ from touchline.localization.one_shot.locate import locate_points
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.search.pose_grid import PoseGrid, sample_positions
 from touchline.perception.scan_lines import build_scan_lines
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.systems import SYSTEMS
 from touchline.types import LinePoints
 
@@ -78,7 +77,7 @@ def written(path: Path, tree: dict[str, Any]) -> Path:
 )
 def test_a_mirror_s_file_has_bounds_and_no_unknown_keys(tmp_path: Path, change: dict[str, Any], what: str) -> None:
     path = written(tmp_path / "camera.yaml", {**OMNI, **change})
-    for opened in (open_camera, SimulatedOmniCamera.load):
+    for opened in (open_camera, OmniCamera.load):
         with pytest.raises(InputError, match=r"camera\.yaml(:|, line \d+:)") as refused:
             opened(path)
         assert re.search(what, str(refused.value)), str(refused.value)

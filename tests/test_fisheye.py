@@ -25,7 +25,7 @@ from touchline.localization.camera_errors.fisheye_focal import by_angle_scale, s
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
 from touchline.perception import LineGraphSettings, line_graph_detector
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera, kid_size_camera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -169,7 +169,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 def test_rendered_rays_are_the_inverse_of_the_projection() -> None:
-    camera = SimulatedPinholeCamera(CAMERA)
+    camera = SimulatedPerspectiveCamera(CAMERA)
     rays = camera._grid.rays[::40, ::40].reshape(-1, 6).astype(float)
     falling = rays[:, 5] < -0.05
     rays = rays[falling]

@@ -14,7 +14,7 @@ from touchline.experiments.drives import Drive
 from touchline.experiments.faults import FALL_S, carried, drifting, fallen, looking_lower, misjudged
 from touchline.experiments.schulz_runs import AS_SIMULATED, dead_reckoned, walk
 from touchline.geometry import wrap_angle
-from touchline.simulation.cameras.pinhole import humanoid_camera
+from touchline.simulation.cameras.perspective import humanoid_camera
 from touchline.simulation.observation.features import leaning
 from touchline.systems import RobotSetup
 

@@ -148,7 +148,7 @@ def test_what_a_turned_head_sees_is_in_the_robot_frame() -> None:
 
 def test_false_crossings_are_added_in_the_asked_ratio(walked: Drive) -> None:
     true = sum(len(frame.observation.crossings) for frame in walked.frames if frame.observation is not None)
-    frames = schulz_runs.with_false_crossings(walked, 0.5, 0).frames
+    frames = schulz_runs.with_false_crossings(0.5, walked, 0).frames
     found = sum(len(frame.observation.crossings) for frame in frames if frame.observation is not None)
     assert found == pytest.approx(2 * true, rel=0.25)
 

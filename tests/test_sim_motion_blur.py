@@ -12,7 +12,7 @@ from line_profiles import line_offsets, projected_lines
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.cameras.base import Motion
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline.simulation.robot.track import STEP_S
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -33,7 +33,7 @@ def walk() -> Simulation:
 def test_each_row_of_a_rolling_shutter_sees_the_lean_of_its_own_instant(walk: Simulation) -> None:
     """Near a row the image is that of a still camera with the lean of that row's time; up to 3 px off the middle's."""
     camera = walk.camera_model
-    assert isinstance(camera, SimulatedPinholeCamera)
+    assert isinstance(camera, SimulatedPerspectiveCamera)
     by_own_lean, by_lean_of_the_middle = [], []
     for index in range(0, len(walk), 2):
         time_s = float(walk.image_times_s[index])
@@ -62,7 +62,7 @@ def test_rates_of_leaning_are_the_slopes_of_the_lean(walk: Simulation) -> None:
 
 
 def test_a_swaying_body_blurs_edges_by_how_far_they_move_while_the_shutter_is_open() -> None:
-    camera, pitch_rate, exposure_ms = SimulatedPinholeCamera(blur_steps=16), 0.8, 20.0
+    camera, pitch_rate, exposure_ms = SimulatedPerspectiveCamera(blur_steps=16), 0.8, 20.0
     world = _band_across_the_view()
     still = _edge_width(camera.radiance(world, WorldState(), Pose(0.0, 0.0, 0.0)))
     moving = Motion(0.0, 0.0, 0.0, pitch_rate=pitch_rate)

@@ -11,11 +11,13 @@ import pytest
 from line_profiles import line_offsets, projected_lines
 
 from touchline.camera import OmniCamera, open_camera
+from touchline.camera.pinhole import pinhole_from_mapping
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointDetector
 from touchline.simulation.cameras.linear_camera import LinearImageCamera
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline.simulation.recording import encoded
 from touchline.simulation.world.hall import default_world
 from touchline.simulation.world.world import World, WorldState
@@ -60,7 +62,7 @@ class TestOmnidirectional:
     @pytest.mark.parametrize("name", OMNI)
     def test_lines_and_line_points_lie_where_they_lie_in_the_recording(self, shared_data: Path, name: str) -> None:
         recording = open_source(shared_data / name)
-        camera = SimulatedOmniCamera.load(shared_data / name / "camera.yaml")
+        camera = SimulatedOmniCamera(OmniCamera.load(shared_data / name / "camera.yaml"))
         world = default_world(recording.field, 3)
         images: dict[str, list[ImageArray]] = {"recorded": [], "rendered": []}
         offsets: dict[str, list[FloatArray]] = {"recorded": [], "rendered": []}
@@ -102,7 +104,7 @@ class TestHumanoid:
         folder = shared_data / "humanoid_9x6_walk"
         recording = open_source(folder)
         frame %= len(recording)
-        camera = SimulatedPinholeCamera.load(folder / "camera.yaml")
+        camera = SimulatedPerspectiveCamera(pinhole_from_mapping(read_yaml_mapping(folder / "camera.yaml"), folder))
         pose, image = true_pose(recording, frame), recorded_image(recording, frame)
         measured = measured_lean(recording, frame)
         lean = fitted_lean(camera, recording, image, pose, measured)
@@ -134,7 +136,7 @@ def measured_lean(recording: Recording, frame: int) -> FloatArray:
 
 
 def fitted_lean(
-    camera: SimulatedPinholeCamera, recording: Recording, image: ImageArray, pose: Pose, start: FloatArray
+    camera: SimulatedPerspectiveCamera, recording: Recording, image: ImageArray, pose: Pose, start: FloatArray
 ) -> tuple[float, float]:
     """Roll, pitch that put the projected lines on those of an image: Gauss and Newton, far places left out."""
     lean = start.copy()

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from touchline.camera.omni import omni_from_mapping
+from touchline.camera.pinhole import pinhole_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.simulation.cameras.base import Motion, field_from_body
 from touchline.simulation.cameras.mirror import solve_mirror, tangent_range
 from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera
 from touchline.simulation.rendering.casting import CAST_ROWS, cast_rays
 from touchline.simulation.rendering.paint import build_paint, paint_at
 from touchline.simulation.world.hall import default_world
 from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window
 from touchline.simulation.world.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState
 
-Camera = SimulatedOmniCamera | SimulatedPinholeCamera
+Camera = SimulatedOmniCamera | SimulatedPerspectiveCamera
 POSE = Pose(-1.3, 0.8, 0.4)
 
 
@@ -37,8 +40,8 @@ def omni() -> SimulatedOmniCamera:
 
 
 @pytest.fixture(scope="module")
-def pinhole() -> SimulatedPinholeCamera:
-    return SimulatedPinholeCamera(humanoid_camera(roll=0.02, yaw=-0.03))
+def pinhole() -> SimulatedPerspectiveCamera:
+    return SimulatedPerspectiveCamera(humanoid_camera(roll=0.02, yaw=-0.03))
 
 
 def plain_world(field: FieldModel, **changes: object) -> World:
@@ -89,7 +92,7 @@ def edge_errors(
 
 @pytest.mark.parametrize("kind", ["omni", "pinhole"])
 def test_painted_edges_lie_where_the_closed_form_projects_them(
-    field: FieldModel, omni: SimulatedOmniCamera, pinhole: SimulatedPinholeCamera, kind: str
+    field: FieldModel, omni: SimulatedOmniCamera, pinhole: SimulatedPerspectiveCamera, kind: str
 ) -> None:
     camera: Camera = omni if kind == "omni" else pinhole
     broad = dataclasses.replace(field, line_width=0.12)  # wide enough that both edges of a line are seen apart
@@ -104,7 +107,7 @@ def test_painted_edges_lie_where_the_closed_form_projects_them(
     assert np.percentile(errors, 95) < 0.5
 
 
-def test_the_perspective_cameras_rays_are_the_inverse_of_its_projection(pinhole: SimulatedPinholeCamera) -> None:
+def test_the_perspective_cameras_rays_are_the_inverse_of_its_projection(pinhole: SimulatedPerspectiveCamera) -> None:
     attitude = (0.05, -0.04)
     rows, columns = np.mgrid[150:470:20, 10:745:20]
     rays = pinhole._grid.rays[rows.ravel(), columns.ravel()].astype(np.float64)
@@ -133,7 +136,7 @@ def test_a_calibrated_cameras_bearing_table_is_rendered_and_written_again(omni: 
     design = dataclasses.replace(
         plain, bearings_rad=bearings, range_m=np.tile(plain.range_m, (3, 1)), bearing_offset_rad=offsets
     )
-    camera = SimulatedOmniCamera.from_mapping(omni_mapping(design))
+    camera = SimulatedOmniCamera(omni_from_mapping(omni_mapping(design), Path("camera")))
     v, u = np.mgrid[4:476:9, 4:476:9]
     radius = np.hypot(u - 239.5, v - 239.5)
     inside = (radius > 60.0) & (radius < 205.0)
@@ -209,7 +212,7 @@ def test_a_robot_hides_what_is_behind_it_and_stands_where_it_is(field: FieldMode
 
 
 def test_a_balls_middle_and_width_are_those_of_a_sphere(field: FieldModel) -> None:
-    camera = SimulatedPinholeCamera(humanoid_camera(place_m=(0.0, 0.0, 1.1), distortion=(0.0,) * 5))
+    camera = SimulatedPerspectiveCamera(humanoid_camera(place_m=(0.0, 0.0, 1.1), distortion=(0.0,) * 5))
     place = Pose(1.5, 0.1, 0.0)
     x, y = POSE.compose(place)[:2]
     ball = BallActor(x, y, 0.11, (0.0, 0.0, 0.0))
@@ -271,10 +274,10 @@ def test_lamps_are_switched_and_fade_when_told() -> None:
 
 def test_motion_blurs_along_the_way_and_a_rolling_shutter_skews(field: FieldModel) -> None:
     world = plain_world(field, marks=(GroundMark(*POSE.compose(Pose(2.5, 0.0, 0.0)), 3.0, 0.1, PAINTS["black"]),))
-    still = green(SimulatedPinholeCamera(), world)
+    still = green(SimulatedPerspectiveCamera(), world)
     sideways = Motion(0.0, 2.0, 0.0)
-    blurred = green(SimulatedPinholeCamera(), world, motion=sideways, exposure_ms=30.0)
-    skewed = green(SimulatedPinholeCamera(blur_steps=1, readout_s=0.03), world, motion=sideways)
+    blurred = green(SimulatedPerspectiveCamera(), world, motion=sideways, exposure_ms=30.0)
+    skewed = green(SimulatedPerspectiveCamera(blur_steps=1, readout_s=0.03), world, motion=sideways)
 
     def middles(image: npt.NDArray[np.float64], row: int) -> tuple[float, float]:
         weight = np.clip(1.0 - image[row, 250:500] / np.median(image[row, 250:500]), 0.05, None) - 0.05
@@ -301,4 +304,4 @@ def test_mistakes_are_refused_in_words(field: FieldModel, omni: SimulatedOmniCam
     with pytest.raises(InputError, match="does not hold the carpet"):
         dataclasses.replace(world, hall=(5.0, 5.0, 3.0))
     with pytest.raises(InputError, match="'mount' is missing"):
-        SimulatedPinholeCamera.from_mapping(dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), 100))
+        pinhole_from_mapping(dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), 100), Path("camera"))

@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from touchline.camera import OmniCamera
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.simulation.cameras.image_sensor import ImageSensor, noise_numbers
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline.simulation.world.hall import default_world
 from touchline.simulation.world.world import PAINTS, RobotActor, WorldState
 
@@ -104,7 +105,7 @@ def test_exposure_times_gain_counts_and_bright_things_clip() -> None:
 def test_the_same_seed_gives_the_same_picture_and_another_seed_another() -> None:
     world = dataclasses.replace(default_world(open_field("indoor-9x6"), 5), robots=(RobotActor(1.0, 1.0, 0.0),))
     pictures = [
-        SimulatedPinholeCamera().render(world, WorldState(), Pose(-2.0, 0.0, 0.1), rng=np.random.default_rng(seed))
+        SimulatedPerspectiveCamera().render(world, WorldState(), Pose(-2.0, 0.0, 0.1), rng=np.random.default_rng(seed))
         for seed in (1, 1, 2)
     ]
     assert np.array_equal(pictures[0], pictures[1])
@@ -120,7 +121,7 @@ def true_pose(folder: Path, frame: int) -> Pose:
 
 def test_colours_of_the_rendered_carpet_and_paint_are_near_the_recorded_ones(small_data: Path) -> None:
     folder = small_data / "omni_msl_track"
-    camera = SimulatedOmniCamera.load(folder / "camera.yaml")
+    camera = SimulatedOmniCamera(OmniCamera.load(folder / "camera.yaml"))
     world = default_world(open_field(folder / "field.yaml"), 4)
     rendered = camera.render(world, WorldState(), true_pose(folder, 0), rng=np.random.default_rng(1))
     recorded = cv2.imread(str(folder / "images" / "000000.jpg"))

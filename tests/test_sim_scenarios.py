@@ -11,7 +11,7 @@ from line_profiles import line_offsets, projected_lines
 from simulated import NAMES, content, errors_of, shortened
 
 from touchline.geometry import Pose
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario, scenario_names
@@ -74,7 +74,7 @@ class TestEveryScenario:
     ) -> None:
         recording, simulation = open_source(recordings[name]), shortened(name)
         camera = simulation.camera_model
-        assert isinstance(camera, SimulatedPinholeCamera)
+        assert isinstance(camera, SimulatedPerspectiveCamera)
         measured = []
         for index in range(0, len(recording), 3):
             image = recording.image(index)

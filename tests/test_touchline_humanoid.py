@@ -224,7 +224,7 @@ def test_false_crossings_move_nothing() -> None:
     estimates = localized(
         WHITE,
         near_start(WHITE),
-        with_false_crossings(Drive(RobotSetup(open_field(WHITE)), frames, truth), 0.5, 1).frames,
+        with_false_crossings(0.5, Drive(RobotSetup(open_field(WHITE)), frames, truth), 1).frames,
     )
     assert errors_m(truth, estimates)[5:].max() < 0.15
 

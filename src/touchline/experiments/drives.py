@@ -176,7 +176,11 @@ class Track:
 
 def track_of(drive: Drive, estimates: Sequence[Estimate]) -> Track:
     """Estimates of every frame beside the truth."""
-    truths = [Pose(*truth) for truth in drive.truth.tolist()]
+    named = [
+        estimate.pose.mirrored().distance_to(truth) < WRONG_M
+        and any(hypothesis.pose.distance_to(truth) < WRONG_M for hypothesis in estimate.hypotheses)
+        for estimate, truth in zip(estimates, (Pose(*truth) for truth in drive.truth.tolist()), strict=True)
+    ]
     return Track(
         drive.times_s,
         np.array([estimate.pose for estimate in estimates]),
@@ -184,14 +188,7 @@ def track_of(drive: Drive, estimates: Sequence[Estimate]) -> Track:
         np.array([estimate.status is Status.TRACKING for estimate in estimates]),
         np.array([estimate.covariance for estimate in estimates]),
         np.array([estimate.points for estimate in estimates]),
-        np.array([_names_twin(estimate, truth) for estimate, truth in zip(estimates, truths, strict=True)]),
-    )
-
-
-def _names_twin(estimate: Estimate, truth: Pose) -> bool:
-    """Whether the true pose is at the other end of the told one and among the hypotheses."""
-    return estimate.pose.mirrored().distance_to(truth) < WRONG_M and any(
-        hypothesis.pose.distance_to(truth) < WRONG_M for hypothesis in estimate.hypotheses
+        np.array(named),
     )
 
 

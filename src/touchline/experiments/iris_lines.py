@@ -59,6 +59,7 @@ def iris_lines(seeds: int) -> ExperimentResult:
     found = together(by_case for _, by_case in places)
     ideal = together(_one_place(field, seed, ideal=True)[1] for seed in follow(range(seeds), "ideal robots"))
     residuals_cm = [100.0 * float(np.sqrt(np.mean(regression.residuals_m**2))) for regression, _ in places]
+    medians_cm = 100.0 * np.array(_over_lightings(found, np.median))
     shown = {condition: found[condition, "automatic"][0] for condition in CONDITIONS}
     return ExperimentResult(
         "Figures 13 and 14 of Ismail et al. 2021: line detection and range regression under three lightings",
@@ -67,7 +68,7 @@ def iris_lines(seeds: int) -> ExperimentResult:
         Headline(
             "false points; median distance from the line, three lightings, the same settings",
             "pictures; thresholds set by hand for each",
-            f"{percent(_over_lightings(found, _false_ratio))}; {spread(_over_lightings(found, _median_cm), 1)} cm; "
+            f"{percent(_over_lightings(found, _false_ratio))}; {spread(medians_cm, 1)} cm; "
             f"ideal {percent(_over_lightings(ideal, _false_ratio))}",
         ),
         (
@@ -130,13 +131,13 @@ def _cells(detections: Sequence[Detection], ideal: Sequence[Detection]) -> Row:
     on_line = spread([float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections], 0)
     far = _quantile_cm(detections, 0.9)
     counts, false, median = zip(
-        *((_counts(d), _false(d), _quantile_cm(d, 0.5)) for d in (detections, ideal)), strict=True
+        *(
+            (spread([float(len(each.points)) for each in some], 0), _false(some), _quantile_cm(some, 0.5))
+            for some in (detections, ideal)
+        ),
+        strict=True,
     )
     return counts[0], on_line, false[0], median[0], far, counts[1], false[1], median[1]
-
-
-def _counts(detections: Sequence[Detection]) -> str:
-    return spread([float(len(each.points)) for each in detections], 0)
 
 
 def _false(detections: Sequence[Detection]) -> str:
@@ -159,10 +160,6 @@ def _over_lightings(
 
 def _false_ratio(distances_m: FloatArray) -> float:
     return float(np.mean(distances_m > FALSE_M)) if len(distances_m) else 0.0
-
-
-def _median_cm(distances_m: FloatArray) -> float:
-    return 100.0 * float(np.median(distances_m))
 
 
 def _detection_figure(shown: dict[str, Detection]) -> Figure:

@@ -199,17 +199,12 @@ def _rows(condition: Condition, runs: Runs) -> list[Row]:
         ("tracked", "tracked (%)", NONE),
     ):  # fmt: skip
         values = _of(runs, condition, figure)
-        decimals, less = (1, NONE) if figure == "tracked" else (2, _less(values))
-        said = {system: interval(each, decimals) for system, each in values.items()}
+        best = min(OTHERS, key=lambda system: float(np.nanmean(values[system])))
+        less = interval(np.subtract(values[OWN], values[best])) if figure != "tracked" else NONE
+        said = {system: interval(each, 1 if figure == "tracked" else 2) for system, each in values.items()}
         rows.append(row("" if rows else condition.title, name, asked, said, less))
     wrong = {system: str(max(each)) for system, each in _of(runs, condition, "wrong").items()}
     return [*rows, row("", "wrong, called tracking: most frames in a row", "≤ 5", wrong)]
-
-
-def _less(values: Mapping[str, Sequence[float]]) -> str:
-    """Ours less the best of the others', robot by robot, with the interval of the mean."""
-    best = min(OTHERS, key=lambda system: float(np.nanmean(values[system])))
-    return interval(np.subtract(values[OWN], values[best]))
 
 
 def _paper_rows(conditions: Sequence[Condition], runs: Runs) -> list[Row]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +19,7 @@ from touchline.experiments.scenes import new_figure
 from touchline.geometry import Pose
 from touchline.localization.camera_errors import MirrorErrors
 from touchline.localization.camera_errors.base import Lean
-from touchline.localization.estimator.bank import ShoveTest
 from touchline.localization.estimator.filter import Filter
-from touchline.localization.search.field_search import FieldSearch
-from touchline.localization.search.pose_search import Mode
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
@@ -40,23 +38,9 @@ class Part(NamedTuple):
     drive: tuple[str, ...] = ()
 
 
-class _NoSearch(FieldSearch):
-    """Finds nothing."""
-
-    def modes(self, *_: object) -> tuple[Mode, ...]:
-        return ()
-
-
-class _NoShoves(ShoveTest):
-    """Sees none."""
-
-    def apply(self, *_: object) -> None:
-        return
-
-
 def _without_search(system: Touchline) -> None:
-    setup = system.setup
-    system.watch.search = _NoSearch(setup.field, system.registration, system.model, np.zeros(2))
+    finds_nothing: Any = SimpleNamespace(modes=lambda *_: ())
+    system.watch.search = finds_nothing
 
 
 def _with_one_hypothesis(system: Touchline) -> None:
@@ -64,7 +48,8 @@ def _with_one_hypothesis(system: Touchline) -> None:
 
 
 def _without_shoves(system: Touchline) -> None:
-    system.bank.shoves = _NoShoves(0.0)
+    sees_none: Any = SimpleNamespace(apply=lambda *_: None)
+    system.bank.shoves = sees_none
 
 
 def _without_delay(system: Touchline) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row,
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, RECORDINGS, right_of, tracked, walk
 from touchline.geometry import Pose
-from touchline.simulation.cameras.pinhole import humanoid_camera
+from touchline.simulation.cameras.perspective import humanoid_camera
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior
@@ -40,6 +41,7 @@ COLUMNS = (
     "wrong, believed (%)", "NEES / 3",
 )  # fmt: skip
 STRAIGHT = "camera not turned aside"
+SEEN = ("lines", "crossings", "landmarks")
 
 
 class Case(NamedTuple):
@@ -61,15 +63,6 @@ def _misjudged(longer: float, higher_m: float) -> Callable[[Drive, int], Drive]:
     return changed
 
 
-def _false(share: float) -> Case:
-    name = f"{100 * share:.0f} % false crossings"
-    return Case(name, lambda walked, seed: humanoids.with_false_crossings(walked, share, seed))
-
-
-def _fallen(walked: Drive, seed: int) -> Drive:
-    return faults.fallen(walked, FALLS_S, np.random.default_rng([seed, 31]))
-
-
 def _lower(walked: Drive, seed: int) -> Drive:
     return faults.looking_lower(walked, PITCH_RAD, PINHOLE_FEATURES.height_m)
 
@@ -81,9 +74,10 @@ CASES = (
     Case("focal length told 3 % longer, from 10 s on", _misjudged(LONGER, 0.0), PITCH_FROM_S, CALIBRATED),
     Case("camera told 3 cm higher, from 10 s on", _misjudged(0.0, HIGHER_M), PITCH_FROM_S, CALIBRATED),
     Case("gyro drifts 6° a minute", lambda walked, seed: faults.drifting(walked, DRIFT_RAD_S)),
-    Case("two falls", _fallen),
-    *map(_false, (0.1, 0.3, 0.5)),
-)
+    Case("two falls", lambda walked, seed: faults.fallen(walked, FALLS_S, np.random.default_rng([seed, 31]))),
+    *(Case(f"{100 * share:.0f} % false crossings", partial(humanoids.with_false_crossings, share))
+      for share in (0.1, 0.3, 0.5)),
+)  # fmt: skip
 
 
 def own_humanoids(seeds: int) -> ExperimentResult:
@@ -166,8 +160,8 @@ def _waits(walked: Drive, seed: int) -> Waits:
     leaving, arriving = round(0.375 * len(walked.frames)), round(0.65 * len(walked.frames))
     moved = faults.carried(walked, leaving, arriving)
     right = right_of(humanoids.either_end(_tracked(moved, OWN, seed)))[leaving:]
-    sees = np.array([_sees(frame.observation) for frame in moved.frames])[leaving:]
-    images = int(sees[: int(np.argmax(right))].sum()) if right.any() else math.inf
+    seen = [[len(getattr(frame.observation, part)) for part in SEEN] for frame in moved.frames[leaving:]]
+    images = int(np.any(seen[: int(np.argmax(right))], axis=1).sum()) if right.any() else math.inf
     turned, twin = _told(walked, humanoids.start_about(Pose(*walked.truth[0].tolist()), seed).mirrored())
     first = turned.times_s[right_of(turned)]
     nowhere = []
@@ -177,10 +171,6 @@ def _waits(walked: Drive, seed: int) -> Waits:
         track = _tracked(other, OWN, number, Prior())
         nowhere.append(humanoids.time_until_right(humanoids.either_end(track) if twin > 0.0 else track))
     return Waits(images / 8.0, float(first[0]) if len(first) else math.inf, twin, nowhere)
-
-
-def _sees(seen: object) -> bool:
-    return any(len(getattr(seen, part)) for part in ("lines", "crossings", "landmarks"))
 
 
 def _told(walked: Drive, start: Pose) -> tuple[Track, float]:

@@ -14,7 +14,6 @@ from touchline.experiments.drives import Track
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, OURS, PAPER, RECORDINGS, tracked, walk
-from touchline.systems.nimbro_lines import NimbroLinesSettings
 from touchline.types import Prior
 
 SECONDS, SECONDS_WITH_FALSE, SECONDS_FROM_NOWHERE = 300.0, 600.0, 30.0
@@ -22,7 +21,8 @@ FALSE_SHARES = (0.1, 0.3, 0.5)
 STARTS_FROM_NOWHERE = 4  # per seed
 STARTS, LAST_S = 10, 5.0  # of a recording
 COLUMNS = ("robot", "field", "system", "features", "median (cm)", "within 40 cm", "95 % (cm)", "heading (°)", "right")
-LINES, NO_LINES = "all", "without lines"
+FEATURES = {"all": (), "without lines": humanoids.WITHOUT_LINES}
+LINES, NO_LINES = FEATURES
 
 
 _SIMULATED = (
@@ -108,18 +108,18 @@ def _walked(task: tuple[tuple[humanoids.Robot, str], int]) -> dict[Case, Track]:
     """Every case of a robot on a field."""
     (robot, field), seed = task
     walked = walk(field, robot, seed, SECONDS)
-    return {case: tracked(walked, seed, _settings(case)) for case in cases() if case[:2] == (robot, field)}
-
-
-def _settings(case: Case) -> NimbroLinesSettings:
-    return humanoids.settings(case.system, *(humanoids.WITHOUT_LINES if case.features == NO_LINES else ()))
+    return {
+        case: tracked(walked, seed, humanoids.settings(case.system, *FEATURES[case.features]))
+        for case in cases()
+        if case[:2] == (robot, field)
+    }
 
 
 def _with_false(task: tuple[str, int]) -> dict[tuple[str, str], Track]:
     """A longer walk whose crossings are partly none."""
     field, seed = task
     walked = walk(field, humanoids.AS_SIMULATED, seed, SECONDS_WITH_FALSE)
-    false = {share: humanoids.with_false_crossings(walked, share, seed) for share in FALSE_SHARES}
+    false = {share: humanoids.with_false_crossings(share, walked, seed) for share in FALSE_SHARES}
     return {(f"{100 * share:.0f} % false crossings", field): tracked(each, seed) for share, each in false.items()}
 
 

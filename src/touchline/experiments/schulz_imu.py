@@ -64,8 +64,9 @@ def schulz_imu(seeds: int) -> ExperimentResult:
     rows = [
         ("marks wander, uncorrected (px)", "–", *(spread([each.before_px for each in form], 2) for form in forms)),
         ("marks wander, corrected (px)", "–", *(spread([each.after_px for each in form], 2) for form in forms)),
-        ("sightings left out of these (%)", "–", *(spread([_left_out(each) for each in form], 1) for form in forms)),
-    ]
+        ("sightings left out of these (%)", "–",
+         *(spread([100.0 * each.left_out / len(each.seen_px) for each in form], 1) for form in forms)),
+    ]  # fmt: skip
     for name, lean_deg in LEANS_DEG.items():
         cells = []
         for form in forms:
@@ -97,10 +98,6 @@ def learned(seed: int) -> Learned:
         if not isinstance(camera, PinholeCamera):
             raise InputError(f"the scenario {SCENARIO} needs a pinhole camera")
         return Learned(calibrate_imu(recording, camera), calibrate_imu(recording, camera, paper=True), camera)
-
-
-def _left_out(found: ImuCalibration) -> float:
-    return 100.0 * found.left_out / len(found.seen_px)
 
 
 def _pixels(camera: PinholeCamera, spacing: int) -> FloatArray:

@@ -148,7 +148,7 @@ def recorded_walk(name: str, form: str = OURS) -> Drive | None:
     return Drive(setup, seen, np.asarray(recording.truth.poses))
 
 
-def with_false_crossings(walked: Drive, share: float, seed: int) -> Drive:
+def with_false_crossings(share: float, walked: Drive, seed: int) -> Drive:
     """A walk of whose crossings so many are none: even in the view, of random kinds, turned anyhow."""
     rng, n = np.random.default_rng([seed, 23]), PINHOLE_FEATURES
 

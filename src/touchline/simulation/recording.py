@@ -149,13 +149,9 @@ def _project(simulation: Simulation, index: int, ground: FloatArray) -> FloatArr
 
 
 def _inside_image(simulation: Simulation, u: float, v: float) -> bool:
-    tree = simulation.camera_model.camera_yaml()
-    if not (0.0 <= u <= tree["width"] - 1.0 and 0.0 <= v <= tree["height"] - 1.0):
-        return False
-    if tree["model"] != "omni":
-        return True
-    radius = math.hypot(u - tree["center"][0], v - tree["center"][1])
-    return bool(tree["inner_radius_px"] <= radius <= tree["outer_radius_px"])
+    design = simulation.camera_model.design
+    inside = 0.0 <= u <= design.width - 1.0 and 0.0 <= v <= design.height - 1.0
+    return inside and bool(design.sees(np.array([[u, v]]))[0])
 
 
 def _write_yaml(path: Path, tree: Any) -> None:

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from touchline.camera import MODELS
+from touchline.camera import OmniCamera, PerspectiveCamera, open_camera
 from touchline.errors import InputError
-from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
-from touchline.messages import did_you_mean
 from touchline.simulation.cameras import mirror
 from touchline.simulation.cameras.base import Motion
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera, kid_size_camera
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
 from touchline.simulation.scenario import CameraSettings
 
-SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
+SimulatedCamera = SimulatedOmniCamera | SimulatedPerspectiveCamera
 
 
 def open_simulated_camera(settings: CameraSettings, mount: MirrorMount | None = None) -> SimulatedCamera:
@@ -35,9 +32,18 @@ def open_simulated_camera(settings: CameraSettings, mount: MirrorMount | None = 
         "sensor": ImageSensor(vignetting=settings.vignetting, bloom=settings.bloom),
     }
     if settings.file is not None:
-        return _from_file(Path(settings.file), settings.kind, options)
+        design = open_camera(settings.file)
+        if design.model != settings.kind:
+            raise InputError(
+                f"{settings.file}: is a camera of the model '{design.model}', but camera.kind is '{settings.kind}'"
+            )
+        if isinstance(design, OmniCamera):
+            return SimulatedOmniCamera(design, **options)
+        assert isinstance(design, PerspectiveCamera)
+        return SimulatedPerspectiveCamera(design, **options)
     if settings.kind != "omni":
-        return SimulatedPinholeCamera(humanoid_camera() if settings.kind == "pinhole" else kid_size_camera(), **options)
+        humanoid = humanoid_camera() if settings.kind == "pinhole" else kid_size_camera()
+        return SimulatedPerspectiveCamera(humanoid, **options)
     wanted = settings.mirror
     profile = _solved(wanted.profile, wanted.metres_per_px, wanted.horizon_px)
     return SimulatedOmniCamera.from_mirror(profile, mount, **options)
@@ -48,18 +54,6 @@ def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, floa
     c, s = float(np.cos(heading)), float(np.sin(heading))
     vx, vy, turn = (float(value) for value in velocity)
     return Motion(c * vx + s * vy, -s * vx + c * vy, turn, *leaning)
-
-
-def _from_file(path: Path, kind: str, options: Mapping[str, Any]) -> SimulatedCamera:
-    tree: dict[str, Any] = read_yaml_mapping(path)
-    model = tree.get("model")
-    if model not in MODELS:
-        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), MODELS)}")
-    if model != kind:
-        raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
-    if model == "omni":
-        return SimulatedOmniCamera.from_mapping(tree, path, **options)
-    return SimulatedPinholeCamera.from_mapping(tree, path, **options)
 
 
 @lru_cache(maxsize=16)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import OmniCamera
-from touchline.camera.omni import omni_from_mapping
 from touchline.errors import InputError
-from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.cameras.mirror import MirrorProfile
@@ -57,16 +54,6 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         super().__init__(self._ray_grid, **options)
 
     @classmethod
-    def load(cls, path: str | Path, **options: Any) -> SimulatedOmniCamera:
-        """From a camera.yaml with `model: omni`. Raises InputError naming file and key."""
-        return cls.from_mapping(read_yaml_mapping(Path(path)), Path(path), **options)
-
-    @classmethod
-    def from_mapping(cls, tree: Mapping[str, Any], path: Path = Path("camera"), **options: Any) -> SimulatedOmniCamera:
-        """From the content of a camera.yaml; `path` is named in errors."""
-        return cls(omni_from_mapping(dict(tree), path), **options)
-
-    @classmethod
     def from_mirror(
         cls,
         profile: MirrorProfile,
@@ -86,10 +73,6 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         design = OmniCamera(*image, handedness, mount_yaw_rad, radii, np.zeros(1), ranges[None])
         height = profile.head.camera_height_m + profile.head.apex_m
         return cls(design, height, mirror=(profile, mount or MirrorMount()), **options)
-
-    def camera_yaml(self) -> dict[str, Any]:
-        """The mapping that a recording's camera.yaml holds: the camera as designed."""
-        return omni_mapping(self.design)
 
     def ground_from_image(self, pixels: npt.ArrayLike) -> FloatArray:
         """Where pixels (N, 2) u, v truly see the ground (N, 2), base frame (m); NaN where they do not."""

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import FisheyeCamera, PerspectiveCamera, PinholeCamera, leaning, perspective_mapping
-from touchline.camera.fisheye import fisheye_from_mapping
-from touchline.camera.pinhole import pinhole_from_mapping
+from touchline.camera import FisheyeCamera, PerspectiveCamera, PinholeCamera, leaning
 from touchline.errors import InputError
-from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose3
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.rendering.rendering import RayGrid
 
 
-class SimulatedPinholeCamera(SimulatedCameraModel):
+class SimulatedPerspectiveCamera(SimulatedCameraModel):
     """A perspective camera, pinhole or fisheye; by default `humanoid_camera`.
 
     Raises InputError if its lens maps no ray to some pixel of the image.
@@ -31,23 +26,6 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
         self.design = design or humanoid_camera()
         _check_lens(self.design)
         super().__init__(lambda: _ray_grid(self.design), **options)
-
-    @classmethod
-    def load(cls, path: str | Path, **options: Any) -> SimulatedPinholeCamera:
-        """From a camera.yaml with `model: pinhole` or `fisheye`. Raises InputError naming file and key."""
-        return cls.from_mapping(read_yaml_mapping(Path(path)), Path(path), **options)
-
-    @classmethod
-    def from_mapping(
-        cls, tree: Mapping[str, Any], path: Path = Path("camera"), **options: Any
-    ) -> SimulatedPinholeCamera:
-        """From the content of a camera.yaml; `path` is named in errors."""
-        read = fisheye_from_mapping if tree.get("model") == "fisheye" else pinhole_from_mapping
-        return cls(read(tree, path), **options)
-
-    def camera_yaml(self) -> dict[str, Any]:
-        """The mapping that a recording's camera.yaml holds."""
-        return perspective_mapping(self.design)
 
     def project(self, points: npt.ArrayLike, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
         """Pixels (N, 2) u, v of points (N, 2) on the ground or (N, 3), base frame (m); NaN behind the camera.
