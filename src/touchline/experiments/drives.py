@@ -11,13 +11,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import Camera
 from touchline.config import Settings
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.sources.source import Source
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Frame, Prior, Samples, Status
 
@@ -62,10 +62,11 @@ class Drive:
         return [float(event["t"]) for event in self.events if event["kind"] == kind]
 
 
-def drive_of(simulation: Simulation, camera: Camera | None = None) -> Drive:
-    """The drive that is simulated. camera: as the system is told it, by default that of the simulation."""
-    setup = RobotSetup(simulation.field, camera or simulation.camera, simulation.wheel_directions_rad)
-    return Drive(setup, tuple(simulation), np.asarray(simulation.truth.poses), simulation.track.events)
+def drive_of(source: Source, setup: RobotSetup | None = None, frames: Sequence[Frame] | None = None) -> Drive:
+    """The drive that a run or a recording with truth holds. setup, frames: by default the source's own."""
+    assert source.truth is not None, f"{source.name} holds its truth"
+    setup = setup or RobotSetup(source.field, source.camera, source.wheel_directions_rad)
+    return Drive(setup, tuple(source) if frames is None else frames, np.asarray(source.truth.poses), source.events)
 
 
 @lru_cache(maxsize=8)

@@ -10,7 +10,7 @@ import numpy as np
 from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
 from touchline.camera import require_omni
-from touchline.experiments.drives import Drive
+from touchline.experiments.drives import Drive, drive_of
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.observation.goal_clutter import GoalClutter
 from touchline.simulation.observation.observed_lines import IRIS_PATHS
@@ -71,7 +71,7 @@ def range_regression(simulation: Simulation, rng: np.random.Generator) -> RangeR
 def iris_drive(scenario: Scenario, level: str, seed: int) -> Drive:
     """The drive of `open_iris`."""
     simulation, setup = open_iris(scenario, level, seed)
-    return Drive(setup, tuple(simulation), np.asarray(simulation.truth.poses))
+    return drive_of(simulation, setup)
 
 
 def open_iris(scenario: Scenario, level: str, seed: int) -> tuple[Simulation, RobotSetup]:

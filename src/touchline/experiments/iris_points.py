@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from touchline.evaluation.metrics import ErrorStatistics
 from touchline.experiments import iris_runs as iris
-from touchline.experiments.drives import Drive
+from touchline.experiments.drives import Drive, drive_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
 from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording
@@ -19,7 +19,6 @@ from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray, runs_of
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup
 
 SCENARIO, PLACES = "tour-20", 20
 IMAGE_HZ = 2.0  # four images at each place; the paper names no rate
@@ -67,10 +66,7 @@ def all_tours(seeds: int) -> tuple[iris.Runs, iris.Runs]:
 def recorded_tour(seed: int) -> iris.IrisDrive | None:
     """The recording with 8 places, from its images; None where it is not found."""
     source = public_recording(PUBLIC)
-    if source is None or source.truth is None:
-        return None
-    setup = RobotSetup(source.field, source.camera, source.wheel_directions_rad)
-    return iris.drive(Drive(setup, list(source), np.asarray(source.truth.poses)), seed)
+    return None if source is None else iris.drive(drive_of(source), seed)
 
 
 def standing(driven: iris.IrisDrive) -> list[npt.NDArray[np.int64]]:

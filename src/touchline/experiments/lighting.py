@@ -17,7 +17,7 @@ from touchline.camera.exposure import ExposureControl, ExposureSettings, mirror_
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.evaluation.metrics import ErrorTable
-from touchline.experiments.drives import Drive, Track, track_of
+from touchline.experiments.drives import Track, drive_of, track_of
 from touchline.experiments.harness import (
     NONE,
     ExperimentResult,
@@ -214,7 +214,7 @@ def drive(case: Case, robot: Robot, fixed: tuple[float, float] | None, seconds: 
         stops.append(np.log2(run.exposure_ms * run.gain))
         searched.append(sought)
     frames = [Frame(int(stamp)) for stamp in run.image_stamps]
-    track = track_of(Drive(setup, frames, np.asarray(run.truth.poses, dtype=np.float64)), estimates)
+    track = track_of(drive_of(run, setup, frames), estimates)
     return Run(track, np.array(stops, dtype=np.float64), np.array(searched))
 
 

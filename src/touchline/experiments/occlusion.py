@@ -237,7 +237,8 @@ def _taken(c: Condition, seed: int, ideal: bool) -> tuple[Drive, Simulation]:
     if not c.calibrated:
         return drive_of(simulation), simulation
     camera = calibrated_head(simulation)[0].camera
-    return drive_of(Simulation(chosen, level="points", eyes=Eyes(known=camera)), camera), simulation
+    setup = RobotSetup(simulation.field, camera, simulation.wheel_directions_rad)
+    return drive_of(Simulation(chosen, level="points", eyes=Eyes(known=camera)), setup), simulation
 
 
 def drive(condition: Condition, seed: int, ideal: bool = False, paper: bool = False) -> Run:
@@ -258,9 +259,8 @@ def _recorded(seeds: int) -> list[tuple[Condition, Runs]]:
     recording = public_recording(RECORDING)
     if recording is None:
         return []
-    assert recording.truth is not None, f"{RECORDING} holds its truth"
     setup = RobotSetup(recording.field, recording.camera)
-    blind = Drive(setup, [replace(frame, image=None) for frame in recording], np.asarray(recording.truth.poses))
+    blind = drive_of(recording, setup, [replace(frame, image=None) for frame in recording])
     found: dict[str, list[Run]] = {c.name: [] for c in CONDITIONS}
     for c, seed in follow([(c, seed) for c in CONDITIONS for seed in range(seeds)], "recorded drives"):
         system = open_system(c.system, setup, rng=seed)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from touchline import palette
 from touchline.experiments import drives, lighting, own_points
-from touchline.experiments.drives import Drive, Kidnapped, Track, driven, followed, kidnaps_of, longest
+from touchline.experiments.drives import Drive, Kidnapped, Track, drive_of, driven, followed, kidnaps_of, longest
 from touchline.experiments.faults import Fault, stuck_compass, turned_compass, unseen
 from touchline.experiments.harness import (
     NONE,
@@ -31,7 +31,6 @@ from touchline.experiments.harness import (
 )
 from touchline.experiments.own_points import OTHERS, OWN, SYSTEMS, row
 from touchline.experiments.scenes import INK, new_figure, robot_dots
-from touchline.systems import RobotSetup
 
 COLUMNS = ("what", "figure", "asked of touchline", *SYSTEMS, "touchline less the best other")
 SECONDS, FROM_S = 60.0, 5.0
@@ -144,7 +143,7 @@ def _lit(case: lighting.Case, seed: int) -> Drive:
     """A drive through a rendered hall, the exposure kept right all along."""
     run = lighting.simulation(case, seed, LIT_SECONDS)
     frames = [frame for frame, _ in lighting.controlled(run)]
-    return Drive(RobotSetup(run.field, run.camera, run.wheel_directions_rad), frames, np.asarray(run.truth.poses))
+    return drive_of(run, frames=frames)
 
 
 def _errors_at(task: tuple[int, int]) -> dict[tuple[str, str], Errors]:

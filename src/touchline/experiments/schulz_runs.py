@@ -11,7 +11,7 @@ import numpy as np
 
 from touchline.config import load_settings
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.drives import BoolArray, Drive, Track, followed
+from touchline.experiments.drives import BoolArray, Drive, Track, drive_of, followed
 from touchline.experiments.faults import seen_as
 from touchline.experiments.harness import tell
 from touchline.experiments.scenes import public_recording, random_place
@@ -77,8 +77,7 @@ def walk(field_name: str, robot: Robot, seed: int, seconds: float, changes: Sequ
     )
     simulation = Simulation(open_scenario(SCENARIO, seed, seconds, changed), "points", feature_noise=noise)
     frames = tuple(_seen(simulation, robot, index) for index in range(len(simulation)))
-    setup = RobotSetup(simulation.field, height_m=PINHOLE_FEATURES.height_m)
-    return Drive(setup, frames, np.asarray(simulation.truth.poses))
+    return drive_of(simulation, RobotSetup(simulation.field, height_m=PINHOLE_FEATURES.height_m), frames)
 
 
 def _seen(simulation: Simulation, robot: Robot, index: int) -> Frame:
@@ -138,14 +137,13 @@ def recorded_walk(name: str, form: str = OURS) -> Drive | None:
     recording = public_recording(name)
     if recording is None:
         return None
-    assert recording.truth is not None, f"{name} holds its truth"
     setup = robot_setup(recording)
     system = NimbroLines(setup, settings(form), np.random.default_rng(0))
     seen: list[Frame] = []
     for frame in recording:
         seen.append(replace(frame, image=None, observation=system.step(frame).observation))
         tell(f"images of {name}, {len(seen)}")
-    return Drive(setup, seen, np.asarray(recording.truth.poses))
+    return drive_of(recording, setup, seen)
 
 
 def with_false_crossings(share: float, walked: Drive, seed: int) -> Drive:
