@@ -6,7 +6,7 @@ Scenarios are rendered; in each image the points of `LinePointDetector` are pair
 crossings of that path and the field's paint that `ObservedLines.crossings` works out from the true pose. What is paired
 says how often a crossing is found and how far off, what is left over which points are false. The figures follow by
 maximum likelihood (`found_ratio`, `error_px`), medians and counts; they are printed as they stand in `point_errors.py`.
---iris: those of `HsvLineDetector` instead, as they stand in `experiments/iris_eyes.py`.
+--iris: those of `HsvLineDetector` instead, as they stand in `experiments/iris_runs.py`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from touchline.config import settings_rows
-from touchline.experiments.iris_eyes import IRIS_NOISE
+from touchline.experiments.iris_runs import IRIS_NOISE
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import HsvLineDetector, SelfLearningDetector, observe

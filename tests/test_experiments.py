@@ -24,10 +24,19 @@ from touchline.experiments import (
     occlusion,
 )
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import Headline, interval, percent, rate, spread, wilson
+from touchline.experiments.harness import (
+    Headline,
+    interval,
+    percent,
+    rate,
+    result_page,
+    spread,
+    wilson,
+    with_row,
+    write_result,
+)
 from touchline.experiments.samples import PLACE, descents, searches, xiong_convergence, xiong_samples
 from touchline.experiments.timing import lu2013_timing
-from touchline.experiments.writing import result_page, with_row, write_result
 from touchline.geometry import Pose
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from touchline.camera.exposure import ExposureSettings
 from touchline.experiments import EXPERIMENTS, lu2013_exposure
-from touchline.experiments.writing import write_result
+from touchline.experiments.harness import write_result
 from touchline.sources import open_source
 
 

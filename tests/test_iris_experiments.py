@@ -11,9 +11,8 @@ import pytest
 
 from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
 from touchline.experiments.drives import Drive, Track, drive_of
-from touchline.experiments.iris_eyes import open_iris
-from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, covered, drifting, drive, slipped
-from touchline.experiments.writing import write_result
+from touchline.experiments.harness import write_result
+from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, covered, drifting, drive, open_iris, slipped
 from touchline.field import open_field
 from touchline.geometry import Pose, wrap_angles
 from touchline.perception import HsvLineDetector, observe

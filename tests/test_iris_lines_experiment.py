@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from touchline.experiments import EXPERIMENTS, iris_lines, timing
-from touchline.experiments.writing import write_result
+from touchline.experiments.harness import write_result
 from touchline.field import open_field
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 

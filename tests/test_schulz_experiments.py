@@ -19,9 +19,8 @@ from touchline.experiments import (
     schulz_timing,
 )
 from touchline.experiments.drives import Drive, Track
-from touchline.experiments.harness import ExperimentResult
+from touchline.experiments.harness import ExperimentResult, write_result
 from touchline.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, right_of, settings, tracked, walk
-from touchline.experiments.writing import write_result
 from touchline.geometry import Pose
 from touchline.simulation.observation.features import leaning, turned
 from touchline.simulation.run import Simulation

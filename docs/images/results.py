@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 
 from touchline.experiments import EXPERIMENTS
-from touchline.experiments.writing import PAGE
+from touchline.experiments.harness import PAGE
 
 DOCS = Path(__file__).parents[1]
 PICTURES = DOCS / "images" / "results"

@@ -37,7 +37,7 @@ def experiment(
     """
     from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
-    from touchline.experiments.writing import check_writable, write_result
+    from touchline.experiments.harness import check_writable, write_result
 
     if listing or name is None:
         for known in EXPERIMENTS.values():

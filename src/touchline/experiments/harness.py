@@ -1,22 +1,27 @@
 """One harness under all experiments: runs by whatever workers there are, the figures' spread, table, pictures, page.
 
 An experiment measures (conditions x systems x robots, `gathered`), writes a table of it (`spread`, `interval`, `rate`)
-and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which writing.py makes a page.
+and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which `write_result` makes a page.
 """
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.errors import InputError
 from touchline.evaluation.workers import Here, Workers
+from touchline.files.new import replace_file
+from touchline.files.opened import read_text
 from touchline.geometry import FloatArray
 
 Item = TypeVar("Item")
@@ -28,6 +33,16 @@ NONE = "–"
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 _WORKERS: ContextVar[Workers] = ContextVar("workers", default=Here())  # noqa: B039  # it holds nothing
 _DRAWS = 2000
+PAGE = "results.md"
+_MAX_BYTES = 10_000_000
+_HEAD = (
+    "# Results of the experiments",
+    "",
+    "Written by `touchline experiment`; every run replaces its row.",
+    "",
+    "| experiment | what | the paper | ours | seeds |",
+    "|---|---|---|---|---:|",
+)
 _Z = 1.959964  # of the normal distribution, 95 % between both signs
 
 
@@ -164,3 +179,53 @@ def wilson(successes: int, tries: int) -> tuple[float, float]:
     middle = share + 0.5 * square
     half = _Z * math.sqrt(share * (1.0 - share) / tries + 0.25 * square / tries)
     return max(0.0, (middle - half) / (1.0 + square)), min(1.0, (middle + half) / (1.0 + square))
+
+
+def check_writable(folder: Path) -> None:
+    """Make the folder, before an experiment takes its time. Raises InputError if it can't be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another with --output") from None
+
+
+def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = ()) -> list[Path]:
+    """Write NAME.md, its pictures (PNG) and the experiment's row of results.md into a folder; returns the files.
+
+    order: names in the order that the rows of the page shall have. Raises TouchlineError for what can't be written.
+    """
+    check_writable(folder)
+    summary = folder / PAGE
+    before = read_text(summary, _MAX_BYTES) if summary.exists() else ""
+    pictures = [folder / f"{result.name}-{name}.png" for name, _ in result.pictures]
+    for path, (_, figure) in zip(pictures, result.pictures, strict=True):
+        drawn = io.BytesIO()
+        figure.savefig(drawn, dpi=130, format="png", metadata={"Software": None})
+        replace_file(path, drawn.getvalue())
+    page = folder / f"{result.name}.md"
+    replace_file(page, result_page(result, [path.name for path in pictures]).encode())
+    replace_file(summary, with_row(before, result, order).encode())
+    return [page, *pictures, summary]
+
+
+def result_page(result: ExperimentResult, pictures: Iterable[str]) -> str:
+    """The experiment's own page, Markdown."""
+    lines = [f"# {result.name}", "", f"{result.title}. {result.seeds} seeds; ± is their standard deviation.", ""]
+    lines += [_row(result.columns), "|---" * len(result.columns) + "|", *(_row(row) for row in result.rows), ""]
+    lines += [line for note in result.notes for line in (note, "")]
+    lines += [line for name in pictures for line in (f"![{result.name}]({name})", "")]
+    return "\n".join(lines)
+
+
+def with_row(page: str, result: ExperimentResult, order: Sequence[str] = ()) -> str:
+    """The results page with this experiment's row added, or replaced if it has one."""
+    rows = {line[len("| [") :].partition("]")[0]: line for line in page.splitlines() if line.startswith("| [")}
+    h = result.headline
+    rows[result.name] = _row((f"[{result.name}]({result.name}.md)", h.what, h.paper, h.ours, str(result.seeds)))
+    known = [name for name in order if name in rows]
+    names = known + [name for name in rows if name not in known]
+    return "\n".join((*_HEAD, *(rows[name] for name in names), ""))
+
+
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -13,8 +13,18 @@ from matplotlib.figure import Figure
 
 from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
-from touchline.experiments.iris_eyes import iris_drive
-from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, covered, drifting, drive, slipped
+from touchline.experiments.iris_runs import (
+    FORMS,
+    FUSION,
+    IDEAL,
+    ODOMETRY,
+    IrisDrive,
+    covered,
+    drifting,
+    drive,
+    iris_drive,
+    slipped,
+)
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.simulation.scenario import open_scenario
 

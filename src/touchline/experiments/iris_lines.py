@@ -12,7 +12,7 @@ from touchline.calibration.range_regression import RangeRegression
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.experiments.harness import ExperimentResult, Headline, Row, follow, percent, spread, together
-from touchline.experiments.iris_eyes import DIRECTIONS, MARK_NOISE_PX, range_regression
+from touchline.experiments.iris_runs import DIRECTIONS, MARK_NOISE_PX, range_regression
 from touchline.experiments.scenes import BLUE, PAINT, RED, dots, image_figure, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose

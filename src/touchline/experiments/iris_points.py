@@ -13,7 +13,6 @@ from touchline.evaluation.metrics import ErrorStatistics
 from touchline.experiments import iris_runs as iris
 from touchline.experiments.drives import Drive, drive_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
-from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording
 from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
@@ -52,7 +51,7 @@ def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper:
 def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
     """A tour, kept for the other form."""
     rate = (f"camera.rate_hz={IMAGE_HZ:g}",) if level == "images" else ()
-    return iris_drive(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed)
+    return iris.iris_drive(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed)
 
 
 def all_tours(seeds: int) -> tuple[iris.Runs, iris.Runs]:

@@ -15,7 +15,6 @@ from touchline import palette
 from touchline.experiments import iris_runs as iris
 from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
-from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.iris_points import all_tours
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, way
 from touchline.simulation.scenario import open_scenario
@@ -106,7 +105,7 @@ def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
     scenario = open_scenario(SCENARIO, seed, SECONDS, changes)
     waypoints = {"kind": "waypoints", "waypoints": FROM_A_TO_B, "dwell_s": 1.0, "speed_m_s": 1.2}
     motion = type(scenario.motion).model_validate(waypoints)
-    taken = iris_drive(scenario.model_copy(update={"motion": motion}), level, seed)
+    taken = iris.iris_drive(scenario.model_copy(update={"motion": motion}), level, seed)
     first, second = (iris.covered(*hidden) for hidden in HIDDEN_S)
     return replace(taken, frames=[second(first(frame)) for frame in taken.frames])
 

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from touchline.config import PAPER, Settings, load_settings
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
-from touchline.experiments.iris_eyes import open_iris
-from touchline.experiments.iris_runs import IDEAL
+from touchline.experiments.iris_runs import IDEAL, open_iris
 from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, points_from, random_place
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
