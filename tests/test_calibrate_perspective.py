@@ -29,7 +29,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.motion import LeanFilter
 from touchline.palette import ORANGE, bgr
-from touchline.simulation.cameras.pinhole import kid_size_camera
+from touchline.simulation.cameras.perspective import kid_size_camera
 from touchline.simulation.recording import _write_calibration
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

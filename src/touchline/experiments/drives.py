@@ -17,7 +17,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.sources.source import Source
+from touchline.sources import Recording
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Frame, Prior, Samples, Status
 
@@ -62,7 +62,9 @@ class Drive:
         return [float(event["t"]) for event in self.events if event["kind"] == kind]
 
 
-def drive_of(source: Source, setup: RobotSetup | None = None, frames: Sequence[Frame] | None = None) -> Drive:
+def drive_of(
+    source: Simulation | Recording, setup: RobotSetup | None = None, frames: Sequence[Frame] | None = None
+) -> Drive:
     """The drive that a run or a recording with truth holds. setup, frames: by default the source's own."""
     assert source.truth is not None, f"{source.name} holds its truth"
     setup = setup or RobotSetup(source.field, source.camera, source.wheel_directions_rad)
