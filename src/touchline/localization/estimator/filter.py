@@ -17,13 +17,13 @@ from touchline.localization.estimator.filter_kernels import (
     correction,
     expected_information,
     pose_innovation,
-    propagate,
+    predicted,
     step_squares,
 )
 from touchline.localization.estimator.measurement import PoseEvidence
 from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.motion.delayed import Delayed
-from touchline.motion.driven import Scales, driven
+from touchline.motion.driven import Scales
 from touchline.types import OdometryScales
 
 SCALE_DRIFT = 0.001  # change of the odometry's scales in the root of a second: another carpet, wheels that wear
@@ -143,16 +143,14 @@ class Filter:
         """Move by the odometry over so many seconds. noise (3, 3): of the motion, robot frame before it; None: its
         own covariance.
         """
-        step = driven(self.pose, self.scales, moved.motion.pose)
-        by_state = np.eye(_ERRORS)
-        by_state[:6, :6] = step.by_state
-        by_state[:3, _DELAY] = step.by_motion @ moved.by_delay
-        by_state[2, _YAW_RATE] = seconds
-        x, y, turn = ((self.delay_s - moved.late_s) * by_state[:3, _DELAY]).tolist()
+        noise = moved.motion.covariance if noise is None else noise
+        (x, y, heading), by_delay, added, self._joint = predicted(
+            self._joint, self.pose.as_array(), self.scales, moved.motion.pose.as_array(), moved.by_delay, noise,
+            seconds, self._drift2,
+        )  # fmt: skip
+        more_x, more_y, turn = ((self.delay_s - moved.late_s) * by_delay).tolist()
         turn += seconds * self.yaw_rate_rad_s
-        self.pose = Pose(step.pose.x + x, step.pose.y + y, wrap_angle(step.pose.heading + turn))
-        added = step.by_motion @ (moved.motion.covariance if noise is None else noise) @ step.by_motion.T
-        self._joint = propagate(self._joint, by_state, added, seconds * self._drift2)
+        self.pose = Pose(x + more_x, y + more_y, wrap_angle(wrap_angle(heading) + turn))
         self._motion_noise = self._motion_noise + added
 
     def ahead(self, moved: Delayed) -> Filter:

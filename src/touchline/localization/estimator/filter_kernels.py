@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from touchline.matrices import inverse, times
+from touchline.motion.driven import linearise
 
 _EXACT = 1e-14  # variance of what is known exactly
 _ANYWHERE_INFORMATION = (1e-2, 1e-2, 1.0 / 9.0)  # inverse variances of a pose somewhere on a field
@@ -28,6 +29,24 @@ def measured_covariance(joint, measured, per_image):  # type: ignore[no-untyped-
             if a >= 3 and b >= 3:
                 spread[a, b] += per_image[a - 3, b - 3]
     return spread
+
+
+@njit(cache=True)
+def predicted(joint, pose, scales, motion, by_delay, noise, seconds, drift):  # type: ignore[no-untyped-def]
+    """Pose (x, y, heading not wrapped), derivative (3,) of it by the delay, what a motion adds to its covariance
+    (3, 3), and the covariance (N, N) of all states after it.
+
+    pose, motion, by_delay (3,), noise (3, 3): as of `Filter.predict`; drift (N,): of every variance in a second.
+    """
+    by_scales, by_state, by_motion = np.empty((6, 6)), np.eye(8), np.empty((3, 3))
+    x, y, heading = linearise(pose, scales, motion, by_scales, by_motion)
+    by_state[:6, :6] = by_scales
+    for a in range(3):
+        for b in range(3):
+            by_state[a, 7] += by_motion[a, b] * by_delay[b]
+    by_state[2, 6] = seconds
+    added = times(times(by_motion, noise), by_motion.T)
+    return (x, y, heading), by_state[:3, 7], added, propagate(joint, by_state, added, seconds * drift)
 
 
 @njit(cache=True)
