@@ -19,7 +19,7 @@ from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
 from touchline.evaluation.runner import RunTally, run_frames, said_text
 from touchline.geometry import Pose
-from touchline.types import Estimate, Frame, Hypothesis, Status
+from touchline.types import Estimate, Frame, Hypothesis, Mode, Status
 
 HEADER = header(None).strip()
 
@@ -55,6 +55,23 @@ def test_estimates_csv_holds_bounds_statistics_and_reasons(tmp_path: Path) -> No
     for name, value in (("motion", 0.125), ("share", 1.5)):
         np.testing.assert_allclose(table.statistics[name], [np.nan, value, np.nan])
     assert [table.reasons[k] for k in table.reason] == ['"found", not yet confirmed', "", '"found", not yet confirmed']
+
+
+def test_an_estimate_comes_back_from_the_table(tmp_path: Path) -> None:
+    covariance = np.array([[0.04, 0.001, 0.002], [0.001, 0.09, 0.003], [0.002, 0.003, 0.01]])
+    written = Estimate(
+        1_234_567_890, true_pose(3), covariance, Status.SEARCHING, 0.123, 45, probability=0.75, perception_ms=1.25,
+        hypotheses=(Hypothesis(true_pose(3).mirrored(), 0.123, 0.25),), mode=Mode.BOTH, reason="in doubt",
+        protection_m=0.06, end_probability=0.5, statistics={"motion": 0.25},
+    )  # fmt: skip
+    (tmp_path / "e.csv").write_text(header(written) + csv_row(written))
+    back = read_estimates(tmp_path / "e.csv").estimate(0)
+    np.testing.assert_allclose(back.covariance, covariance, rtol=1e-6)
+    names = ("stamp_ns", "status", "points", "mode", "reason", "protection_rad", "statistics")
+    assert [getattr(back, name) for name in names] == [getattr(written, name) for name in names]
+    for name in ("probability", "twin_probability", "end_probability", "protection_m", "residual_m", "perception_ms"):
+        assert getattr(back, name) == pytest.approx(getattr(written, name))
+    assert back.pose == pytest.approx(written.pose, abs=1e-6)
 
 
 @pytest.mark.parametrize("more", ["", "mode", "probability,twin_probability", "mode,probability,twin_probability"])

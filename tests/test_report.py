@@ -274,8 +274,8 @@ def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> Ru
     floats, counts = np.ones(frames, dtype=np.float32), np.ones(frames, dtype=np.int32)
     moved = Samples(truth.stamp_ns, truth.values + np.arange(frames)[:, np.newaxis] * [1.0, 0.0, 0.0])
     modes = np.full(frames, -1, dtype=np.int8)
-    std = np.ones((frames, 3), np.float32)
-    numbers = (moved, std, status, floats, counts, floats, floats, modes, *[floats] * 5)
+    covariance = np.ones((frames, 6), np.float32)
+    numbers = (moved, covariance, status, floats, counts, floats, floats, modes, *[floats] * 5)
     table = EstimateTable(*numbers, {}, np.zeros(frames, dtype=np.int32), ("",))
     return RunData(table, open_field("msl-18x12"), truth, signed_errors(moved, truth), black_ns)
 
@@ -384,7 +384,9 @@ def test_one_kidnap_does_not_flatten_the_curves() -> None:
 @pytest.mark.parametrize("odd", [np.inf, np.nan])
 def test_an_uncertainty_that_is_no_number_leaves_the_band_out(odd: float, tmp_path: Path) -> None:
     data = run_data(20, 0, [])
-    table = replace(data.table, std=np.full((20, 3), odd, np.float32), residual_m=np.full(20, np.nan, np.float32))
+    table = replace(
+        data.table, covariance=np.full((20, 6), odd, np.float32), residual_m=np.full(20, np.nan, np.float32)
+    )
     tree = page_data_of(write(tmp_path, frames=20, data=replace(data, table=table))[0])
     assert tree["charts"][0]["series"][0]["band"] == [None] * 20
     assert tree["charts"][0]["range"][1] > 0.0

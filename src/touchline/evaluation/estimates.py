@@ -22,8 +22,8 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
 from touchline.files.opened import text_lines
-from touchline.geometry import FloatArray
-from touchline.types import Estimate, Mode, Samples, Status
+from touchline.geometry import FloatArray, Pose
+from touchline.types import Estimate, Hypothesis, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
 COLUMNS = tuple(HEADER.split(","))
@@ -40,7 +40,7 @@ _NO_MODE = -1
 class EstimateTable:
     """The estimates of one run as compact columns of N rows.
 
-    trajectory: stamps (N,) and x, y, heading (N, 3) in (m, m, rad). std: (N, 3) standard deviations (m, m, rad).
+    trajectory: stamps (N,) and x, y, heading (N, 3) in (m, m, rad). covariance: (N, 6) xx, xy, xt, yy, yt, tt of it.
     status: (N,) index in `tuple(Status)`. residual_m: (N,), NaN without points. points: (N,).
     perception_ms, localization_ms: (N,). mode: (N,) index in `tuple(Mode)`, -1 of systems without modes.
     probability, twin_probability, end_probability: (N,) of the pose, of its twin, of its end of the field;
@@ -49,7 +49,7 @@ class EstimateTable:
     """
 
     trajectory: Samples
-    std: npt.NDArray[np.float32]
+    covariance: npt.NDArray[np.float32]
     status: npt.NDArray[np.int8]
     residual_m: npt.NDArray[np.float32]
     points: npt.NDArray[np.int32]
@@ -74,9 +74,37 @@ class EstimateTable:
         return has
 
     @property
+    def std(self) -> npt.NDArray[np.float32]:
+        """(N, 3) standard deviations (m, m, rad)."""
+        deviations: npt.NDArray[np.float32] = np.sqrt(self.covariance[:, [0, 3, 5]])
+        return deviations
+
+    @property
     def protection(self) -> FloatArray:
         """(N, 2) protection levels of position (m) and heading (rad); NaN where none was given."""
         return np.column_stack((self.protection_m, self.protection_rad)).astype(np.float64)
+
+    def estimate(self, row: int) -> Estimate:
+        """What was written of an image; of the other hypotheses only the twin, if it has a probability."""
+        pose = Pose(*self.trajectory.values[row].tolist())
+        covariance = np.zeros((3, 3))
+        covariance[np.triu_indices(3)] = self.covariance[row]
+        estimated: dict[str, Any] = {name: _known(getattr(self, name)[row]) for name in _ESTIMATED}
+        measured: dict[str, Any] = {name: float(getattr(self, name)[row]) for name in _MEASURED}
+        twin = estimated.pop("twin_probability")
+        return Estimate(
+            int(self.trajectory.stamp_ns[row]),
+            pose,
+            covariance + np.triu(covariance, 1).T,
+            _STATUSES[self.status[row]],
+            points=int(self.points[row]),
+            hypotheses=() if twin is None else (Hypothesis(pose.mirrored(), float("nan"), twin),),
+            mode=None if self.mode[row] == _NO_MODE else _MODES[self.mode[row]],
+            reason=self.reasons[self.reason[row]],
+            statistics={name: float(of[row]) for name, of in self.statistics.items() if not np.isnan(of[row])},
+            **measured,
+            **estimated,
+        )
 
     @property
     def has_modes(self) -> bool:
@@ -119,13 +147,13 @@ def _quoted(text: str) -> str:
 
 
 def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
-    """Read a whole estimates.csv (about 90 bytes of memory per row, and 4 for each statistic).
+    """Read a whole estimates.csv (about 100 bytes of memory per row, and 4 for each statistic).
 
     cut: the run may have been cut off within a row, so a last line without its end is left out.
     Raises InputError that names file and line.
     """
     stamps, poses, points, reason = array("q"), array("d"), array("i"), array("i")
-    statuses, modes, std = array("b"), array("b"), array("f")
+    statuses, modes, covariances = array("b"), array("b"), array("f")
     numbers = {name: array("f") for name in (*_MEASURED, *_ESTIMATED)}
     statistics: defaultdict[str, array[float]] = defaultdict(lambda: array("f", [np.nan]) * (len(stamps) - 1))
     reasons = {"": 0}
@@ -133,14 +161,16 @@ def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
         try:
             stamps.append(stamp_from_text(row[0]))
             poses.extend(float(text) for text in row[1:4])
-            std.extend(float(row[variance]) ** 0.5 for variance in (4, 7, 9))
+            covariances.extend(float(text) for text in row[4:10])
+            if min(covariances[place] for place in (-6, -3, -1)) < 0.0:
+                raise ValueError("a variance is negative")
             statuses.append(_STATUSES.index(Status(row[10])))
             points.append(int(row[12]))
             modes.append(_MODES.index(Mode(row[column["mode"]])) if "mode" in column else _NO_MODE)
             for name, values in numbers.items():
                 values.append(float(row[column[name]] or "nan") if name in column else np.nan)
-            for name, value in statistics_of(row[column["statistics"]] if "statistics" in column else "").items():
-                statistics[name].append(float(value))
+            for name, value in _statistics(row[column["statistics"]] if "statistics" in column else "").items():
+                statistics[name].append(value)
             reason.append(reasons.setdefault(row[column["reason"]] if "reason" in column else "", len(reasons)))
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, line {number}: {error}") from None
@@ -152,7 +182,7 @@ def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
             values.extend([np.nan] * (len(stamps) - len(values)))
     return EstimateTable(
         trajectory=Samples(_as_numpy(stamps), _as_numpy(poses).reshape(-1, 3)),
-        std=_as_numpy(std).reshape(-1, 3),
+        covariance=_as_numpy(covariances).reshape(-1, 6),
         status=_as_numpy(statuses),
         points=_as_numpy(points),
         mode=_as_numpy(modes),
@@ -163,9 +193,14 @@ def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
     )
 
 
-def statistics_of(text: str) -> dict[str, str]:
+def _statistics(text: str) -> dict[str, float]:
     """The values of a cell of statistics by name."""
-    return {name: value for name, _, value in (part.partition("=") for part in text.split(";"))} if text else {}
+    return {name: float(value) for name, _, value in (each.partition("=") for each in text.split(";"))} if text else {}
+
+
+def _known(value: float) -> float | None:
+    """None for NaN."""
+    return None if np.isnan(value) else float(value)
 
 
 def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:

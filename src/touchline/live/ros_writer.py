@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from touchline.evaluation.estimates import PROBABILITIES, PROTECTION
-from touchline.geometry import Pose3
 from touchline.live.datagrams import reading_datagram, seen_datagram
 from touchline.live.heard import Picture, Reading, Told
 from touchline.live.ros_topics import (
@@ -25,7 +23,6 @@ from touchline.live.ros_topics import (
     IMAGE_TOPIC,
     IMU_TOPIC,
     ODOMETRY_TOPIC,
-    PLANE,
     PLAYED,
     POSE,
     POSE_TYPE,
@@ -35,13 +32,12 @@ from touchline.live.ros_topics import (
     Outgoing,
 )
 from touchline.sources.bags import roles
-from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, MAP, ODOM, OPTICAL, StandardMessages
+from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, OPTICAL, StandardMessages
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Status
 
 _INERTIAL = ("gyro", "compass", "attitude")
 _MAX_BYTES = 8_000_000  # of what a detector found
-_LEVELS = {Status.TRACKING: 0, Status.SEARCHING: 1, Status.LOST: 2}
 
 
 class RosWriter:
@@ -64,23 +60,15 @@ class RosWriter:
         """An estimate: pose and transform; of an image the diagnostics, too."""
         e = told.estimate
         stamp_ns = max(e.stamp_ns, 0)
-        full = np.zeros((6, 6))
-        full[PLANE] = e.covariance
-        pose = self._make.pose(stamp_ns, *e.pose, covariance=full.ravel())
-        yield Outgoing(self._namespace + POSE, POSE_TYPE, pose)
+        yield Outgoing(self._namespace + POSE, POSE_TYPE, self._make.estimated(stamp_ns, e))
         if e.status is Status.TRACKING:
             if self._booster is not None:
                 flat = dict(zip(("x", "y", "theta"), map(float, e.pose), strict=True))
                 yield Outgoing(self._booster, BOOSTER_POSE_TYPE, self._codec.make(BOOSTER_POSE_TYPE, **flat))
-            child = BASE if told.map_from_odom is None else ODOM
-            placed = told.map_from_odom or e.pose
-            moved = Pose3.from_roll_pitch_yaw(0.0, 0.0, placed.heading, (placed.x, placed.y, 0.0))
-            yield Outgoing("/tf", TF_TYPE, self._make.transform(stamp_ns, MAP, child, moved))
+            yield Outgoing("/tf", TF_TYPE, self._make.map_from(stamp_ns, e, told.map_from_odom))
         if told.image:
-            values = _reasons(told)
-            message = "; ".join([": ".join(filter(None, (e.status.value, e.reason))), *e.problems])
-            diagnostics = self._make.diagnostics(stamp_ns, _LEVELS[e.status], message, values)
-            yield Outgoing(DIAGNOSTICS, DIAGNOSTICS_TYPE, diagnostics)
+            more = {"dropped images": told.dropped, "after_s": round(told.after_s, 4)}
+            yield Outgoing(DIAGNOSTICS, DIAGNOSTICS_TYPE, self._make.diagnostics(stamp_ns, e, more))
 
     def played(self, event: Reading | Picture) -> Iterator[Outgoing]:
         """What a recording holds, as a robot's messages; samples of one IMU at one time are one message."""
@@ -128,17 +116,3 @@ class RosWriter:
         header = self._make.header(stamp_ns, OPTICAL)
         pixels = np.frombuffer(data, dtype=np.uint8)
         return self._codec.make(roles.COMPRESSED_IMAGE, header=header, format=kind, data=pixels)
-
-
-def _reasons(told: Told) -> dict[str, str]:
-    e = told.estimate
-    values = {
-        "residual_m": e.residual_m,
-        "points": e.points,
-        **{name: getattr(e, name) for name in (*PROBABILITIES, *PROTECTION)},
-        **{name: f"{value:.4g}" for name, value in e.statistics.items()},
-        "mode": e.mode,
-        "dropped images": told.dropped,
-        "after_s": round(told.after_s, 4),
-    }
-    return {key: str(value) for key, value in values.items() if value is not None}

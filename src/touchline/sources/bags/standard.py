@@ -8,14 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.sources.bags.with_rosbags import Codec
+from touchline.types import Estimate, Status
 
 MAP, ODOM, BASE, OPTICAL = "map", "odom", "base_footprint", "camera_optical_frame"
 _UNKNOWN = np.eye(1, 9).ravel() * -1.0  # the covariance of what a sensor does not measure (sensor_msgs/Imu)
 # `body_from_optical`: z ahead, x right, y down of the optical frame in x ahead, y left, z up of the camera's body.
 BODY_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 Fields = dict[str, Any]
+_VALUES = (
+    *("residual_m", "points", "probability", "twin_probability", "end_probability", "protection_m", "protection_rad"),
+    *("mode", "perception_ms", "localization_ms"),
+)
+
+
+_LEVELS = {Status.TRACKING: 0, Status.SEARCHING: 1, Status.LOST: 2}  # fine, warning, error
 
 
 class StandardMessages:
@@ -81,10 +89,32 @@ class StandardMessages:
             p=np.column_stack((matrix, np.zeros(3))).ravel(),
         )
 
-    def diagnostics(self, stamp_ns: int, level: int, message: str, values: Mapping[str, str]) -> Any:
-        """diagnostic_msgs/DiagnosticArray of one status. level: 0 fine, 1 warning, 2 error."""
-        pairs = [{"key": key, "value": value} for key, value in values.items()]
-        status = {"level": level, "name": "touchline: localization", "message": message, "values": pairs}
+    def estimated(self, stamp_ns: int, estimate: Estimate) -> Any:
+        """geometry_msgs/PoseWithCovarianceStamped of an estimate."""
+        return self.pose(stamp_ns, *estimate.pose, covariance=estimate.ros_covariance())
+
+    def map_from(self, stamp_ns: int, estimate: Estimate, map_from_odom: Pose | None) -> Any:
+        """tf2_msgs/TFMessage of an estimate: map → odom, or map → base where that is not known (REP 105)."""
+        x, y, heading = map_from_odom or estimate.pose
+        placed = Pose3.from_roll_pitch_yaw(0.0, 0.0, heading, (x, y, 0.0))
+        return self.transform(stamp_ns, MAP, BASE if map_from_odom is None else ODOM, placed)
+
+    def diagnostics(self, stamp_ns: int, estimate: Estimate, more: Mapping[str, object] | None = None) -> Any:
+        """diagnostic_msgs/DiagnosticArray of one status, why it is so, and what is wrong. more: values to add."""
+        known = ((name, getattr(estimate, name)) for name in _VALUES)
+        values = {name: value for name, value in known if value is not None and value == value} | dict(more or {})
+        values |= {name: f"{value:.4g}" for name, value in estimate.statistics.items()}
+        because = ": ".join(filter(None, (estimate.status.value, estimate.reason)))
+        status = {
+            "level": _LEVELS[estimate.status],
+            "name": "touchline: localization",
+            "message": "; ".join((because, *estimate.problems)),
+            "values": [
+                {"key": key, "value": str(value)}
+                for key, value in values.items()
+                if value is not None and value == value
+            ],
+        }
         return self._make("diagnostic_msgs/msg/DiagnosticArray", header=self.header(stamp_ns, ""), status=[status])
 
 
