@@ -21,12 +21,13 @@ _MAX_FRAMES = 2_000  # some ten seconds of work
 _MIN_FRAMES = 25
 _SPOILS = 0.1  # of the images: a fault in more of them is an error
 _NO_FAULT = re.compile(r"undecided which end|: corrected$")  # what a team can't mend, and what another check measures
-_FILES = (
-    (re.compile(r"odometry|wheel"), "odometry.csv"),
-    (re.compile(r"gyro|compass"), "imu.csv"),
-    (re.compile(r"camera_pose|head "), "camera_pose.csv"),
-    (re.compile(r"camera\.yaml|range|mirror"), CAMERA),
-    (re.compile(r"field"), FIELD),
+_FILES = (  # what a phrase is about -> where to look
+    (re.compile(r"^odometry|^wheels"), "odometry.csv"),
+    (re.compile(r"^(the )?images?\b"), "images.csv"),
+    (re.compile(r"^(the )?(gyro|compass)"), "imu.csv"),
+    (re.compile(r"camera_pose|^the head"), "camera_pose.csv"),
+    (re.compile(r"^the camera"), CAMERA),
+    (re.compile(r"field|carpet|on no line"), FIELD),
 )
 _OTHER_FILE = "images.csv"
 _ADVICE = "Mend it before a match; docs/integrity.md says how each statistic tells it."
