@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from touchline.cli import main
-from touchline.cli.live import address
+from touchline.cli.live import _Shown, address
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import Pose, Pose3
 from touchline.live.camera_device import WithCamera
@@ -177,6 +177,16 @@ def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     assert [said[name] for name in ("protection_m", "protection_rad", "end_probability")] == [0.06, 0.02, 1.0]
     assert said["statistics"] == {"motion": 0.5}
     assert json.loads(told_datagram(Told(sure.unconfirmed("too far"))))["reason"] == "too far"
+
+
+def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = _Shown(Localizer("msl-18x12"), None, "robot")
+    plain = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
+    for seconds in (0.2, 0.4, 0.6):
+        what = f"the image has not changed for {seconds} s while the wheels turned"
+        shown.take(Told(replace(plain, problems=(what, "odometry drifts")), image=True))
+    out = capsys.readouterr().out
+    assert [out.count(text) for text in ("has not changed", "for 0.2 s", "odometry drifts")] == [1, 1, 1]
 
 
 # --- the loop ---------------------------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from touchline.cli.options import (
 )
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
-from touchline.messages import counted
+from touchline.messages import counted, without_numbers
 
 if TYPE_CHECKING:
     from touchline.live.heard import Link, Robot, Told
@@ -53,6 +53,7 @@ _Topics = Annotated[
     ),
 ]
 _EVERY_S = 1.0  # so often a line on the terminal
+_SAID_AGAIN_S = 5.0  # a problem that was not told for so long is told again
 
 
 def live(
@@ -252,6 +253,7 @@ class _Shown:
 
     def __init__(self, localizer: Localizer, screen: Screen | None, name: str) -> None:
         self._last_s = 0.0
+        self._said_s: dict[str, float] = {}
         self._localizer = localizer
         self._view: LatestShown | None = None
         if screen is not None:
@@ -270,7 +272,11 @@ class _Shown:
         estimate, now_s = told.estimate, time.monotonic()
         if self._view is not None and self._localizer.frame is not None:
             self._view.take(self._localizer.frame, estimate)
-        say(*estimate.problems)
+        for problem in estimate.problems:
+            alike = without_numbers(problem)
+            if now_s - self._said_s.get(alike, -math.inf) > _SAID_AGAIN_S:
+                say(problem)
+            self._said_s[alike] = now_s
         if now_s - self._last_s < _EVERY_S:
             return
         self._last_s = now_s
