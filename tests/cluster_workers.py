@@ -12,7 +12,7 @@ from distributed import LocalCluster
 
 from touchline.cli import main
 from touchline.evaluation.workers import Here, Workers, open_workers
-from touchline.experiments.harness import computed, told_to
+from touchline.experiments.harness import computed, progress_to
 from touchline.experiments.nees import CONDITIONS, Honesty, honesty
 
 ROOT = Path(__file__).parents[1]
@@ -53,7 +53,7 @@ def test_the_figures_of_recordings_are(capsys: pytest.CaptureFixture[str], sched
 
 def robots(workers: Workers) -> list[Honesty]:
     """Three runs of an experiment."""
-    with told_to(None, workers):
+    with progress_to(None, workers):
         return list(computed(partial(honesty, CONDITIONS[0], "nubot-mti"), range(3), "robots"))
 
 

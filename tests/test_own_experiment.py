@@ -65,7 +65,7 @@ def test_of_sure_modes_those_that_are_right_are_counted(monkeypatch: pytest.Monk
     monkeypatch.setattr(own_points, "_search", lambda field: Search())
     found = own_points.kept_modes(drawn)
     assert found[:4] == (0.75, 0.75, 0.75, 0.75)
-    np.testing.assert_allclose(found.told, [0.9, 0.1] * 4)  # of each place once
+    np.testing.assert_allclose(found.probabilities, [0.9, 0.1] * 4)  # of each place once
     assert found.is_right.tolist() == [False, False] + [True, False] * 3
 
 

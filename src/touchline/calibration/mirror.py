@@ -135,10 +135,10 @@ def _agreeing(
         if not wrong:
             check_directions(bearings, recording.path)
             return sightings, _Turned(handedness, mount_yaw, bearings), radii, messages
-        told = [f"{recording.path / sightings[k].name}: {wrong[k]}" for k in sorted(wrong)]
+        refused = [f"{recording.path / sightings[k].name}: {wrong[k]}" for k in sorted(wrong)]
         if not skip_unusable:
-            raise InputError(f"{told[0]}; {_ADVICE}")
-        messages += told
+            raise InputError(f"{refused[0]}; {_ADVICE}")
+        messages += refused
         sightings = [s for k, s in enumerate(sightings) if k not in wrong]
 
 

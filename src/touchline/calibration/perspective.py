@@ -68,8 +68,8 @@ class PerspectiveCalibration:
 
 def chessboard_lens(recording: Recording) -> Lens:
     """The lens from images of the chessboard that sequence.yaml describes. Raises InputError for too few boards."""
-    told = recording.sequence.get("chessboard")
-    columns, rows, square_m = _board(told, recording)
+    described = recording.sequence.get("chessboard")
+    columns, rows, square_m = _board(described, recording)
     corners, size = [], None
     for index in range(len(recording)):
         image = recording.image(index)
@@ -185,9 +185,9 @@ def perspective_yaml(camera: PerspectiveCamera, words: str) -> str:
     return head + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=118)
 
 
-def _board(told: Any, recording: Recording) -> tuple[int, int, float]:
+def _board(described: Any, recording: Recording) -> tuple[int, int, float]:
     try:
-        (columns, rows), square_m = told["inner_corners"], told["square_m"]
+        (columns, rows), square_m = described["inner_corners"], described["square_m"]
     except (KeyError, TypeError, ValueError):
         columns, rows, square_m = 0, 0, 0.0
     whole = all(isinstance(side, int) and _BOARD_CORNERS[0] <= side <= _BOARD_CORNERS[1] for side in (columns, rows))

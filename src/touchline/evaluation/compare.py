@@ -69,9 +69,9 @@ class Comparison:
 
         A setting that only one of the systems has is left out: "–" is of a version that has it not.
         """
-        told = [_told(one.run.summary) for one in self.runs]
-        keys = dict.fromkeys(key for one in told for key in one)
-        return [(key, [one.get(key, "–") for one in told]) for key in keys if _differs(key, told)]
+        inputs = [_inputs(one.run.summary) for one in self.runs]
+        keys = dict.fromkeys(key for one in inputs for key in one)
+        return [(key, [one.get(key, "–") for one in inputs]) for key in keys if _differs(key, inputs)]
 
     def distances_m(self, index: int) -> FloatArray:
         """How far a run is from the first one at each of its images (N,); NaN where it has none."""
@@ -188,21 +188,21 @@ def _figures(one: Compared) -> list[str]:
     return [f"{value:.{digits}f}" if isinstance(value, int | float) else "–" for value, digits in values]
 
 
-def _told(summary: dict[str, Any]) -> dict[str, str]:
+def _inputs(summary: dict[str, Any]) -> dict[str, str]:
     """All that a run was told, each as text."""
-    told = {"system": summary.get("system"), "seed": summary.get("seed"), "cpu": summary.get("cpu")}
-    told |= {f"start {key}": value for key, value in _part(summary, "prior").items()}
-    told |= {f"version of {name}": value for name, value in _part(summary, "versions").items()}
-    told |= dict(leaves(_part(summary, "settings")))
-    return {key: "none" if value is None else str(value) for key, value in told.items()}
+    inputs = {"system": summary.get("system"), "seed": summary.get("seed"), "cpu": summary.get("cpu")}
+    inputs |= {f"start {key}": value for key, value in _part(summary, "prior").items()}
+    inputs |= {f"version of {name}": value for name, value in _part(summary, "versions").items()}
+    inputs |= dict(leaves(_part(summary, "settings")))
+    return {key: "none" if value is None else str(value) for key, value in inputs.items()}
 
 
-def _differs(key: str, told: Sequence[dict[str, str]]) -> bool:
+def _differs(key: str, inputs: Sequence[dict[str, str]]) -> bool:
     """Whether two runs have other values of a setting, or two of the same system one of them none."""
-    if len({one[key] for one in told if key in one}) > 1:
+    if len({one[key] for one in inputs if key in one}) > 1:
         return True
-    has = {one["system"] for one in told if key in one}
-    return any(one["system"] in has for one in told if key not in one)
+    has = {one["system"] for one in inputs if key in one}
+    return any(one["system"] in has for one in inputs if key not in one)
 
 
 def leaves(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

@@ -100,9 +100,9 @@ class ErrorTable:
             (self.black, "black images"),
             (self.without_truth, "without truth"),
         ]
-        said = ", ".join(f"{count} {what}" for count, what in parts if count)
+        listed = ", ".join(f"{count} {what}" for count, what in parts if count)
         lost = f" (in {self.lost} the robot was lost or searched for)" if self.lost else ""
-        return f"{self.frames} frame{'s' * (self.frames != 1)} counted{lost}; left out: {said or 'none'}"
+        return f"{self.frames} frame{'s' * (self.frames != 1)} counted{lost}; left out: {listed or 'none'}"
 
     def _repr_html_(self) -> str:
         """The table, as a notebook shows it."""

@@ -100,11 +100,11 @@ class RunData:
     def happened(self) -> list[Event]:
         """What the recording tells, in the order of time; where it tells no kidnap, those that the truth shows."""
         start_s = 1e-9 * self.table.trajectory.stamp_ns[0] if len(self.table) else 0.0
-        told = [Event(float(event["t"]) - start_s, str(event["kind"])) for event in self.events]
-        if not any(event.kind == _KIDNAP for event in told) and self.truth is not None:
+        happened = [Event(float(event["t"]) - start_s, str(event["kind"])) for event in self.events]
+        if not any(event.kind == _KIDNAP for event in happened) and self.truth is not None:
             carried = carried_rows(self.truth.values)
-            told += [Event(float(t), _KIDNAP) for t in self.seconds(self.truth.stamp_ns[carried])]
-        return sorted(told)
+            happened += [Event(float(t), _KIDNAP) for t in self.seconds(self.truth.stamp_ns[carried])]
+        return sorted(happened)
 
     def kidnaps_s(self) -> list[float]:
         """When the robot was carried elsewhere (s since the first frame)."""

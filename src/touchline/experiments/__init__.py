@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from touchline.errors import InputError
 from touchline.evaluation.workers import Workers
-from touchline.experiments.harness import ExperimentResult, Listener, told_to
+from touchline.experiments.harness import ExperimentResult, Listener, progress_to
 from touchline.messages import did_you_mean
 
 DEFAULT_SEEDS = 5
@@ -28,7 +28,7 @@ class Experiment:
         """Run it; seeds >= 1. listener: told, in a few words, how far it has come. workers: who computes its runs."""
         module = importlib.import_module(f"touchline.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.name.replace("-", "_"))
-        with told_to(listener, workers):
+        with progress_to(listener, workers):
             return replace(function(seeds), name=self.name, seeds=seeds)
 
 

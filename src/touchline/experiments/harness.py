@@ -47,17 +47,17 @@ _Z = 1.959964  # of the normal distribution, 95 % between both signs
 
 
 @contextmanager
-def told_to(listener: Listener | None, workers: Workers | None = None) -> Iterator[None]:
+def progress_to(listener: Listener | None, workers: Workers | None = None) -> Iterator[None]:
     """Within it, `listener` is told of every step of `follow` and `computed`, as a short line of text.
 
     workers: who computes what is `computed`; None: this process.
     """
-    token, hands = _LISTENER.set(listener), _WORKERS.set(workers or Here())
+    token, workers_before = _LISTENER.set(listener), _WORKERS.set(workers or Here())
     try:
         yield
     finally:
         _LISTENER.reset(token)
-        _WORKERS.reset(hands)
+        _WORKERS.reset(workers_before)
 
 
 def follow(items: Sequence[Item], what: str) -> Iterator[Item]:
@@ -166,9 +166,9 @@ def rate(successes: int, tries: int) -> str:
     return f"{100.0 * successes / tries:.1f} % [{100.0 * low:.1f}, {100.0 * high:.1f}]"
 
 
-def paper_cells(said: Sequence[float] | None, cell: Callable[[Result, str], str], *forms: Result) -> list[str]:
+def paper_cells(published: Sequence[float] | None, cell: Callable[[Result, str], str], *forms: Result) -> list[str]:
     """Of x, y and heading what a paper says, and the figure of each form (cell(form, name)); of the position theirs."""
-    known = [NONE] * 3 if said is None else [f"{value:g}" for value in said]
+    known = [NONE] * 3 if published is None else [f"{value:g}" for value in published]
     papers = {"x": [known[0]], "y": [known[1]], "heading": [known[2]], "position": []}
     return [text for name, paper in papers.items() for text in (*paper, *(cell(form, name) for form in forms))]
 

@@ -163,8 +163,8 @@ def _rows(name: str, runs: Mapping[str, Sequence[iris.IrisDrive]], system: str, 
     jitter = spread([100.0 * driven.jitter(system)[0] for driven in runs["as built"] if driven.found])
     rows: list[Row] = []
     for k, (title, key) in enumerate(_FIGURES):
-        said = [f"{value:g}" for value in PAPER[system][k]] if with_paper else [NONE] * 3
-        cells = [cell for axis in range(3) for cell in (said[axis], *(_figure(f, axis, key) for f in (paper, ours)))]
+        theirs = [f"{value:g}" for value in PAPER[system][k]] if with_paper else [NONE] * 3
+        cells = [text for axis in range(3) for text in (theirs[axis], *(_figure(f, axis, key) for f in (paper, ours)))]
         best = [_figure(ideal, axis, key, among=spread) for axis in range(3)]
         first = (name, str(len(ours)), title, *cells, jitter) if k == 0 else ("", "", title, *cells, "")
         rows.append((*first, *best))
@@ -174,8 +174,8 @@ def _rows(name: str, runs: Mapping[str, Sequence[iris.IrisDrive]], system: str, 
 def _figure(statistics: Sequence[_Statistics], axis: int, key: str, among: Callable[..., str] | None = None) -> str:
     """One figure of x, y or heading over the robots; a mean has its interval where nothing else is asked."""
     values = np.array([getattr(each[axis], key) for each in statistics])
-    said = among or (interval if key == "mean" else spread)
-    return said(np.degrees(values), 3) if axis == 2 else said(100.0 * values)
+    summary = among or (interval if key == "mean" else spread)
+    return summary(np.degrees(values), 3) if axis == 2 else summary(100.0 * values)
 
 
 def error_map_figure(field: FieldModel) -> Figure:

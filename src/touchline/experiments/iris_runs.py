@@ -180,10 +180,10 @@ def _changed(name: str, change: Callable[[FloatArray, FloatArray], FloatArray]) 
     """A frame whose samples of that name are changed: change(times in s, values)."""
 
     def disturb(frame: Frame) -> Frame:
-        told: Samples | None = getattr(frame, name)
-        if told is None:
+        samples: Samples | None = getattr(frame, name)
+        if samples is None:
             return frame
-        changed: dict[str, Any] = {name: Samples(told.stamp_ns, change(told.stamp_ns / 1e9, told.values))}
+        changed: dict[str, Any] = {name: Samples(samples.stamp_ns, change(samples.stamp_ns / 1e9, samples.values))}
         return replace(frame, **changed)
 
     return disturb

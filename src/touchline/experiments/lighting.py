@@ -320,13 +320,13 @@ def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
     """Mean, standard deviation and maximum, as the paper has them."""
     ours, paper, ideal = (runs.get((form, case.name, control), ()) for form in FORMS)
     rows: list[Row] = []
-    said = case.paper if control else None
+    published = case.paper if control else None
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
-        cells = paper_cells(said and said[k], partial(_figure, key=key), paper, ours)
+        cells = paper_cells(published and published[k], partial(_figure, key=key), paper, ours)
         head, last = ("", ""), ""
         more: Row = ("",) * 6
         if k == 0:
-            theirs = NONE if said is None else f"{paper_ratio(case):.2f}"
+            theirs = NONE if published is None else f"{paper_ratio(case):.2f}"
             ratios = (
                 _of_the_first(some, runs[form, FIRST.name, True]) for some, form in ((paper, PAPER_FORM), (ours, OURS))
             )
@@ -377,15 +377,15 @@ def _headline(runs: Runs) -> Headline:
 
 def _switched_off(runs: Sequence[Run]) -> str:
     """What the third case leaves of the line points while the lamps are off."""
-    told = []
+    parts = []
     for turn, level in enumerate(LEFT_ON):
         left = []
         for run in runs:
             interval = (np.arange(len(run.track.points)) + 1) / RATE_HZ // SWITCH_S
             off = (interval % 2 == 1) & (interval // 2 % len(LEFT_ON) == turn)
             left.append(100.0 * float(run.track.points[off].mean() / run.track.points[interval % 2 == 0].mean()))
-        told.append(f"{spread(left, 0)} % at {500.0 * level:g} lx")
-    return f"Third case without control, line points while the lamps are off: {', '.join(told)}."
+        parts.append(f"{spread(left, 0)} % at {500.0 * level:g} lx")
+    return f"Third case without control, line points while the lamps are off: {', '.join(parts)}."
 
 
 def _darkness(dark: Sequence[FloatArray]) -> str:
@@ -406,8 +406,8 @@ def _exposures(runs: Runs) -> str:
     base = np.mean([each[0] for each in stops[FIRST.name]])
     means = {name: 2.0 ** (np.mean([one.mean() for one in each]) - base) for name, each in stops.items()}
     most = {name: 2.0 ** (np.max([one.max() for one in each]) - base) for name, each in stops.items()}
-    said = ", ".join(f"{name}: {mean:.2f} (at most {most[name]:.2f})" for name, mean in means.items())
-    return f"Exposure times gain under control, over that of the first case's start: {said}."
+    exposures = ", ".join(f"{name}: {mean:.2f} (at most {most[name]:.2f})" for name, mean in means.items())
+    return f"Exposure times gain under control, over that of the first case's start: {exposures}."
 
 
 def _tracks_figure(drives: Sequence[tuple[str, Run]]) -> Figure:

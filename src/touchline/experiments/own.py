@@ -200,8 +200,8 @@ def _rows(condition: Condition, runs: Runs) -> list[Row]:
         values = _of(runs, condition, figure)
         best = min(OTHERS, key=lambda system: float(np.nanmean(values[system])))
         less = interval(np.subtract(values[OWN], values[best])) if figure != "tracked" else NONE
-        said = {system: interval(each, 1 if figure == "tracked" else 2) for system, each in values.items()}
-        rows.append(row("" if rows else condition.title, name, asked, said, less))
+        cells = {system: interval(each, 1 if figure == "tracked" else 2) for system, each in values.items()}
+        rows.append(row("" if rows else condition.title, name, asked, cells, less))
     wrong = {system: str(max(each)) for system, each in _of(runs, condition, "wrong").items()}
     return [*rows, row("", "wrong, called tracking: most frames in a row", "≤ 5", wrong)]
 
@@ -216,8 +216,8 @@ def _paper_rows(conditions: Sequence[Condition], runs: Runs) -> list[Row]:
     rows: list[Row] = []
     for figure, kept in (("mean less than every other's", less), ("99 % no more than the best other's", no_more)):
         missed = [name for name in means if name not in kept]
-        said = f"{len(kept)} of {len(papers)}" + (f"; not: {'; '.join(missed)}" if missed else "")
-        rows.append(row("" if rows else "the papers' experiments", figure, "all", {OWN: said}))
+        counts = f"{len(kept)} of {len(papers)}" + (f"; not: {'; '.join(missed)}" if missed else "")
+        rows.append(row("" if rows else "the papers' experiments", figure, "all", {OWN: counts}))
     return rows
 
 

@@ -240,8 +240,8 @@ def _picture(tracks: Mapping[tuple[str, str, str], Sequence[Track]]) -> Figure:
     figure, axes = new_figure(1, len(FIELDS), (9.0, 3.2), titles, labels)
     for axis, field in zip(axes, FIELDS, strict=True):
         for system, tint in zip(SYSTEMS, (BLUE, RED), strict=True):
-            away = np.sort(np.concatenate([one.distances_m for one in tracks["as built", field, system]]))
-            axis.plot(100.0 * away, 100.0 * np.arange(1, len(away) + 1) / len(away), color=tint, label=system)
+            cm = 100.0 * np.sort(np.concatenate([one.distances_m for one in tracks["as built", field, system]]))
+            axis.plot(cm, 100.0 * np.arange(1, len(cm) + 1) / len(cm), color=tint, label=system)
         axis.set_xlim(0.0, 15.0)
         axis.legend(frameon=False)
     return figure

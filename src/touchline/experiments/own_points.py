@@ -72,7 +72,7 @@ SURE = (0.85, 0.95)  # probability of the modes that are looked at
 class Kept(NamedTuple):
     """Of a search from nothing in every frame: share of the likeliest modes that are right, or right at the other end,
     and of the frames with a right one among all modes, and with one that is near; near_fixed: of those whose points fix
-    the place; told (M,): probability of each place that modes stand for, and is_right (M,) whether it was; median time
+    the place; probabilities (M,) of each place that modes stand for, and is_right (M,) whether it was; median time
     (ms).
     """
 
@@ -80,7 +80,7 @@ class Kept(NamedTuple):
     among: float
     near: float
     near_fixed: float
-    told: FloatArray
+    probabilities: FloatArray
     is_right: npt.NDArray[np.bool_]
     median_ms: float
 
@@ -117,9 +117,9 @@ def point_rows(runs: PointRuns) -> list[Row]:
     return [*rows, *(each for view in VIEWS for each in _search_rows(view, runs.kept[view.name]))]
 
 
-def row(what: str, figure: str, asked: str, said: Mapping[str, str], less: str = NONE) -> Row:
+def row(what: str, figure: str, asked: str, cells: Mapping[str, str], less: str = NONE) -> Row:
     """A row of `own`. said: by system. less: ours less the best other's, paired."""
-    return (what, figure, asked, *(said.get(system, NONE) for system in SYSTEMS), less)
+    return (what, figure, asked, *(cells.get(system, NONE) for system in SYSTEMS), less)
 
 
 def _way_rows(way: str, benches: Mapping[str, Sequence[PointBench]]) -> list[Row]:
@@ -150,12 +150,12 @@ def _search_rows(view: View, kept: Sequence[Kept]) -> list[Row]:
         ("time (ms)", "≤ 3", interval([one.median_ms for one in kept])),
     )
     names = [f"points, {view.name}, from nothing", *[""] * (len(figures) - 1)]
-    return [row(name, what, asked, {OWN: said}) for name, (what, asked, said) in zip(names, figures, strict=True)]
+    return [row(name, what, asked, {OWN: cell}) for name, (what, asked, cell) in zip(names, figures, strict=True)]
 
 
 def _of_those_given(low: float, high: float, kept: Sequence[Kept]) -> tuple[int, int]:
     """How many modes were given a probability from low to below high, and how many of them were right."""
-    rights = [one.is_right[(one.told >= low) & (one.told < high)] for one in kept]
+    rights = [one.is_right[(one.probabilities >= low) & (one.probabilities < high)] for one in kept]
     return sum(len(right) for right in rights), sum(int(right.sum()) for right in rights)
 
 
@@ -175,7 +175,7 @@ def picture(runs: PointRuns) -> Figure:
     edges = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.01])
     for view, tint in zip(VIEWS, palette.SERIES, strict=False):
         kept = runs.kept[view.name]
-        given = np.concatenate([one.told for one in kept])
+        given = np.concatenate([one.probabilities for one in kept])
         bins = [(low, high, _of_those_given(low, high, kept)) for low, high in pairwise(edges)]
         points = [(given[(given >= low) & (given < high)].mean(), ok / n) for low, high, (n, ok) in bins if n >= 20]
         right.plot(*np.array(points).reshape(-1, 2).T, "o-", color=tint, linewidth=1.0, markersize=4, label=view.name)
@@ -220,7 +220,7 @@ def from_far(points: PointSet, rng: np.random.Generator) -> tuple[float, float]:
 
 def kept_modes(points: PointSet) -> Kept:
     """Our own search from nothing: are the right poses kept, and are the modes as probable as they say?"""
-    search, right, near, fixed, told, times_s = _search(points.field), [], [], [], [], []
+    search, right, near, fixed, judged, times_s = _search(points.field), [], [], [], [], []
     for k, frame in enumerate(points.points):
         truth = Pose(*points.truth[k].tolist())
         begun_s = time.perf_counter()
@@ -229,8 +229,8 @@ def kept_modes(points: PointSet) -> Kept:
         right.append([_stands_for(mode, truth) for mode in modes])
         near.append(any(_is_near(mode.pose, truth) for mode in modes))
         fixed.append(_is_fixed(points, k))
-        told += [(share, _stands_for(mode, truth)) for mode, share in _places(modes)]
-    given = np.array(told)
+        judged += [(share, _stands_for(mode, truth)) for mode, share in _places(modes)]
+    given = np.array(judged)
     return Kept(
         float(np.mean([bool(each) and each[0] for each in right])),
         float(np.mean([any(each) for each in right])),
@@ -244,12 +244,12 @@ def kept_modes(points: PointSet) -> Kept:
 
 def _is_fixed(points: PointSet, k: int) -> bool:
     """Whether the points of a frame fix its place: a lone line leaves open where along it the robot stands."""
-    frame, told = points.points[k], np.ones(len(points.points[k]), np.bool_)
+    frame, on_lines = points.points[k], np.ones(len(points.points[k]), np.bool_)
     if points.clutter is not None:
-        told = ~points.clutter[k]
+        on_lines = ~points.clutter[k]
     try:
         truth = Pose(*points.truth[k].tolist())
-        bound = bound_covariance(points.field, frame.positions_m[told], frame.covariances_m2[told], truth)
+        bound = bound_covariance(points.field, frame.positions_m[on_lines], frame.covariances_m2[on_lines], truth)
     except (ValueError, np.linalg.LinAlgError):
         return False
     return float(np.linalg.eigvalsh(bound[:2, :2])[1]) < FIXED_M**2
@@ -275,9 +275,9 @@ def _stands_for(mode: Mode, pose: Pose) -> bool:
     distribution. A lone line tells no place along it, and one mode stands for all.
     """
     for end in (pose, pose.mirrored()):
-        away = end.as_array() - mode.pose.as_array()
-        away[2] = wrap_angle(float(away[2]))
-        if float(away @ np.linalg.solve(mode.covariance, away)) < WITHIN2:
+        residual = end.as_array() - mode.pose.as_array()
+        residual[2] = wrap_angle(float(residual[2]))
+        if float(residual @ np.linalg.solve(mode.covariance, residual)) < WITHIN2:
             return True
     return _is_near(mode.pose, pose)
 

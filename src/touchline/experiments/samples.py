@@ -85,10 +85,10 @@ def xiong_samples(seeds: int) -> ExperimentResult:
 
 def _cells(search: Search, paper: Search, ideal: Search) -> Row:
     order = np.argsort(search.round.errors)
-    away = np.hypot(*(search.round.samples_m[order[:5]] - PLACE).T)
+    gaps_m = np.hypot(*(search.round.samples_m[order[:5]] - PLACE).T)
     off = [f"{100 * each.taken.distance_to(each.truth):.2f} cm" for each in (paper, search, ideal)]
     error = f"{search.round.errors[order[0]]:.4f}"
-    return str(len(order)), f"{away[0]:.2f} m", error, f"{np.count_nonzero(away < 1.0)} of 5", "9 cm", *off
+    return str(len(order)), f"{gaps_m[0]:.2f} m", error, f"{np.count_nonzero(gaps_m < 1.0)} of 5", "9 cm", *off
 
 
 def _off_by(found: list[Search]) -> str:
@@ -145,14 +145,14 @@ def xiong_convergence(seeds: int) -> ExperimentResult:
     }
     ends = {name: [d for search in each for d in descents(search)] for name, each in found.items()}
     paper = ("the paper", "5", "2 of 5", "about 10", "0.006", "above 0.018", NONE, "8.2, 8.8, 9.3 m")
-    said, like = (", ".join(_summary(ends[name])[2:5]) for name in ("ours", "ours, c = 2.55 m"))
+    narrow, wide = (", ".join(_summary(ends[name])[2:5]) for name in ("ours", "ours, c = 2.55 m"))
     return ExperimentResult(
         "Figure 9 of Xiong et al.: RPROP from the five best samples of a robot near (0, -2) m",
         ("form", "descents", "right", "steps until settled", "error when right", "least error when wrong",
          "off by when right", "off by when wrong"),
         (paper, *((name, *_summary(each)) for name, each in ends.items()), *_first_robot(found["ours"][0])),
         Headline("steps until settled; error when right, least when wrong", "about 10; 0.006, above 0.018",
-                 f"c = 0.25 m: {said}; c = 2.55 m: {like}"),
+                 f"c = 0.25 m: {narrow}; c = 2.55 m: {wide}"),
         (
             "Robots as built, one per seed. Settled: from then on within 2 cm of where the descent ends. Errors are of "
             "the error function with c = 0.25 m where nothing else is said; the paper has C = 255 without a unit: in "
@@ -185,8 +185,8 @@ def _first_robot(search: Search) -> list[Row]:
 def _steps_until_settled(trace: FloatArray) -> int:
     """The step from which all poses stay within 2 cm of the best one; trace (K, 4): x, y, heading, error."""
     best = trace[int(np.argmin(trace[:, 3]))]
-    away = np.hypot(trace[:, 0] - best[0], trace[:, 1] - best[1]) > SETTLED_M
-    return int(np.nonzero(away)[0][-1]) + 1 if away.any() else 0
+    outside = np.hypot(trace[:, 0] - best[0], trace[:, 1] - best[1]) > SETTLED_M
+    return int(np.nonzero(outside)[0][-1]) + 1 if outside.any() else 0
 
 
 def _convergence_figure(search: Search) -> Figure:

@@ -182,8 +182,8 @@ def _histogram(tracks: Mapping[Case, Sequence[Track]]) -> Figure:
     edges = np.arange(0.0, 1.05, 0.05)
     for axis, field in zip(axes, FIELDS, strict=True):
         for case, tint in zip((c for c in tracks if c.field == field), (BLUE, RED), strict=False):
-            away = np.minimum(np.concatenate([track.distances_m for track in tracks[case]]), 0.999)
-            shares = 100.0 * np.histogram(away, edges)[0] / len(away)
+            distances_m = np.minimum(np.concatenate([track.distances_m for track in tracks[case]]), 0.999)
+            shares = 100.0 * np.histogram(distances_m, edges)[0] / len(distances_m)
             axis.stairs(shares, edges, fill=True, alpha=0.35, color=tint)
             axis.stairs(shares, edges, color=tint, label=case.features)
         axis.axvline(humanoids.NEAR_M, color=MAGENTA, linewidth=1.0, linestyle="--")

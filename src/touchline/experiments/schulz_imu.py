@@ -107,8 +107,8 @@ def _pixels(camera: PinholeCamera, spacing: int) -> FloatArray:
     )
     pixels = np.column_stack((u.ravel(), v.ravel()))
     ground = GroundView(camera).ground_from_image(pixels)
-    away = np.hypot(*np.nan_to_num(ground, nan=np.inf).T)
-    near = away <= _MAX_M
+    ranges_m = np.hypot(*np.nan_to_num(ground, nan=np.inf).T)
+    near = ranges_m <= _MAX_M
     return camera.undistorted(pixels[near])
 
 

@@ -74,9 +74,9 @@ def _row(name: str, paper: str, ours: Times, paper_ms: Times = (), ideal_ms: Tim
     return name, paper, _median(paper_ms, unit), _median(ours, unit), late, longest, _median(ideal_ms, unit)
 
 
-def _lone(name: str, said: str, more: str = "") -> Row:
+def _lone(name: str, value: str, more: str = "") -> Row:
     """A row of a single figure."""
-    return name, NONE, "", said, more, "", ""
+    return name, NONE, "", value, more, "", ""
 
 
 def _curve(title: str, lines: Sequence[tuple[FloatArray, str, float, str]], xlabel: str) -> Figure:
@@ -102,8 +102,8 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
     by_points_us = [1e3 * float(_particle_cycles(matcher, 0, 200, points=n).min()) for n in POINT_COUNTS]
     weights_us, plain_us = _weights_and_twin(matcher)
     rows = [
-        _row(name, said, ours[part], paper.get(part, ()), ideal[part])
-        for name, said, part in (
+        _row(name, published, ours[part], paper.get(part, ()), ideal[part])
+        for name, published, part in (
             ("particles: one cycle, 600 x 100", "15-25 ms", "particles"),
             ("particles: the same with five refined clusters", NONE, "refined"),
             ("matching: one cycle, 100 points", "1-3 ms", "matching"),

@@ -163,9 +163,9 @@ def _disagreement(blocks: Sequence[Block], shared: npt.NDArray[np.intp], prior: 
         return 2.0 * REPEATED
     equations = NormalEquations([*blocks, prior_block(shared, prior, np.zeros(len(prior)))])
     covariance = equations.covariance(shared)
-    told = np.square(equations.influences(blocks, shared)).sum(axis=0)
+    information = np.square(equations.influences(blocks, shared)).sum(axis=0)
     expected = np.maximum(np.diag(covariance) - np.square(covariance) @ prior, 1e-12)
-    return float(np.max(told[_CAMERA:] / expected[_CAMERA:]))
+    return float(np.max(information[_CAMERA:] / expected[_CAMERA:]))
 
 
 def _blocks(

@@ -86,8 +86,8 @@ def measure_field(
     Raises NoFitError where they don't tell, with the reason.
     """
     places = find_places(seen, field)
-    told = [points for points in seen if len(points.usable(MAX_M)) >= MIN_POINTS]
-    if not places or len(places) < MIN_FITTING_RATIO * len(told):
+    usable = [points for points in seen if len(points.usable(MAX_M)) >= MIN_POINTS]
+    if not places or len(places) < MIN_FITTING_RATIO * len(usable):
         raise NoFitError(_misfit(len(places), seen, field))
     sizes = sizes_of(field)
     fit = fit_sizes(places, sizes, scale)

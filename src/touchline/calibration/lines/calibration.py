@@ -224,8 +224,8 @@ def turning_axis(poses: FloatArray) -> tuple[FloatArray, float | None]:
     matrix, vector = np.array(rows), np.array(values)
     solution, _, rank, singular = np.linalg.lstsq(matrix, vector, rcond=None)
     off = float(np.sqrt(np.mean((matrix @ solution - vector) ** 2)))
-    told = rank == 4 and singular[-1] > 0.5 and off < _SPOT_M and np.hypot(*solution[2:]) < _MAX_ORIGIN_M
-    return (solution[2:], off) if told else (np.zeros(2), None)
+    determined = rank == 4 and singular[-1] > 0.5 and off < _SPOT_M and np.hypot(*solution[2:]) < _MAX_ORIGIN_M
+    return (solution[2:], off) if determined else (np.zeros(2), None)
 
 
 def _moved(pose: FloatArray, origin: FloatArray) -> Pose:

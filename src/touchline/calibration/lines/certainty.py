@@ -79,9 +79,9 @@ def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certain
     offset = np.concatenate([one.pixels for one in seen]) - fit.mirror[:2]
     sectors = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / (2.0 * np.pi) * _SECTORS).astype(np.int64)
     inverse = np.linalg.inv(fit.matrix)
-    told = (points.rows * ((shares / sigmas_m) ** 2 / expected.noise)[:, np.newaxis]).T @ points.rows
-    supposed = fit.matrix - told
-    scatters = [told, *(_scatter(added, groups) for groups in (_cells(points.places), sectors))]
+    measured = (points.rows * ((shares / sigmas_m) ** 2 / expected.noise)[:, np.newaxis]).T @ points.rows
+    supposed = fit.matrix - measured
+    scatters = [measured, *(_scatter(added, groups) for groups in (_cells(points.places), sectors))]
     covariances = np.array([(inverse @ (scatter + supposed) @ inverse)[:size, :size] for scatter in scatters])
     deviations = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2).max(axis=0))
     return Certainty(
@@ -108,8 +108,8 @@ def _kinks(found: CurveFit, inverse: FloatArray) -> FloatArray:
     second = np.diff(np.eye(len(curve)), n=2, axis=0)
     weights, doubled = curve_weights(curve, curvature), second @ inverse[SHAPE:size, :size]
     variances = np.sum(doubled[:, SHAPE:] * second, axis=1)
-    told = np.maximum(1.0 / variances - weights, 0.0)  # by the points, of each
-    sizes = (told + (_WITHIN * curvature) ** -2.0) ** -0.5
+    information = np.maximum(1.0 / variances - weights, 0.0)  # by the points, of each
+    sizes = (information + (_WITHIN * curvature) ** -2.0) ** -0.5
     moves: FloatArray = (sizes * weights)[:, np.newaxis] * doubled
     return moves
 

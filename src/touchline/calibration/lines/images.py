@@ -163,13 +163,13 @@ def _best_circle(slopes: FloatArray, us: FloatArray, vs: FloatArray, radius: flo
     """The best of circles of one radius about all pairs of us and vs: score, u, v, radius; `best` if none is better."""
     height, width = slopes.shape[:2]
     angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    away = np.column_stack((np.cos(angles), np.sin(angles)))
+    outwards = np.column_stack((np.cos(angles), np.sin(angles)))
     u, v = (part.ravel() for part in np.meshgrid(us, vs))
-    columns = np.rint(u[:, np.newaxis] + radius * away[:, 0]).astype(int)
-    rows = np.rint(v[:, np.newaxis] + radius * away[:, 1]).astype(int)
+    columns = np.rint(u[:, np.newaxis] + radius * outwards[:, 0]).astype(int)
+    rows = np.rint(v[:, np.newaxis] + radius * outwards[:, 1]).astype(int)
     inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     found = slopes[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
-    darker = np.clip(-np.sum(found * away, axis=-1), -1.0, _STEEP) * inside
+    darker = np.clip(-np.sum(found * outwards, axis=-1), -1.0, _STEEP) * inside
     scores = darker.sum(axis=1) / _DIRECTIONS / np.sqrt(np.maximum(inside.mean(axis=1), 0.5))
     k = int(np.argmax(scores))
     return np.array([scores[k], u[k], v[k], radius]) if scores[k] > best[0] else best

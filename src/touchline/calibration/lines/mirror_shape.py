@@ -68,8 +68,8 @@ class MirrorShape:
         """Ground points (N, 2) in the robot frame, x along the image's u, of pixels (N, 2)."""
         offset = pixels - self.axis
         radius = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
-        away = offset * np.array([1.0, self.handedness]) / radius[:, np.newaxis]
-        upright = away * self.range_m(radius)[:, np.newaxis]
+        directions = offset * np.array([1.0, self.handedness]) / radius[:, np.newaxis]
+        upright = directions * self.range_m(radius)[:, np.newaxis]
         depth = np.maximum(1.0 - upright @ self.bend_per_m, MIN_DEPTH)[:, np.newaxis]
         ground: FloatArray = (upright + HEIGHT_M**2 * self.bend_per_m) / depth - self.origin_m
         return ground
@@ -80,8 +80,8 @@ class MirrorShape:
         level = self.upright_px is None and not np.any(self.bend_per_m) and not np.any(self.origin_m)
         bearings = np.zeros(1) if level else 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         around = self.handedness * bearings
-        away = np.column_stack((np.cos(around), np.sin(around)))
-        pixels = self.center + radii[np.newaxis, :, np.newaxis] * away[:, np.newaxis]
+        directions = np.column_stack((np.cos(around), np.sin(around)))
+        pixels = self.center + radii[np.newaxis, :, np.newaxis] * directions[:, np.newaxis]
         ground = self.ground(pixels.reshape(-1, 2)).reshape(len(bearings), len(radii), 2)
         ranges = np.hypot(ground[..., 0], ground[..., 1])
         offsets = wrap_angles(np.arctan2(ground[..., 1], ground[..., 0]) - bearings[:, np.newaxis])

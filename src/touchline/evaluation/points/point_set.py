@@ -144,9 +144,9 @@ def _point_set(
         )
         for at, spread in pieces
     )
-    told = None if clutter is None else tuple(np.split(clutter.astype(np.bool_), cuts))
+    of_frames = None if clutter is None else tuple(np.split(clutter.astype(np.bool_), cuts))
     truth, init, compass = (np.ascontiguousarray(arrays[key], np.float64) for key in ("truth", "init", "compass"))
-    return PointSet(name, _field_of(name, arrays["segments"], arrays["arcs"]), frames, truth, init, compass, told)
+    return PointSet(name, _field_of(name, arrays["segments"], arrays["arcs"]), frames, truth, init, compass, of_frames)
 
 
 def _field_of(name: str, segments: FloatArray, arcs: FloatArray) -> FieldModel:

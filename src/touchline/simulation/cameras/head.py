@@ -93,14 +93,14 @@ def _calibrated(head: Head, camera: SimulatedOmniCamera) -> OmniCamera:
     bearings = 2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
     out = np.column_stack((np.cos(bearings), np.sin(bearings)))
     ground = (out[:, np.newaxis] * _EDGES_M[:, np.newaxis]).reshape(-1, 2)
-    away = camera.project(ground) - np.array(design.center)
-    away += _EDGE_PX * head.marks[..., :2].reshape(-1, 2)
-    radii = np.hypot(away[:, 0], away[:, 1]).reshape(_DIRECTIONS, -1)
-    formula = design.mount_yaw_rad + design.handedness * np.arctan2(away[:, 1], away[:, 0])
-    told = bearings + _BEARING_RAD * head.marks[:, 0, 2]
-    offsets = wrap_angles(told[:, np.newaxis] - formula.reshape(_DIRECTIONS, -1))
+    offset = camera.project(ground) - np.array(design.center)
+    offset += _EDGE_PX * head.marks[..., :2].reshape(-1, 2)
+    radii = np.hypot(offset[:, 0], offset[:, 1]).reshape(_DIRECTIONS, -1)
+    formula = design.mount_yaw_rad + design.handedness * np.arctan2(offset[:, 1], offset[:, 0])
+    measured = bearings + _BEARING_RAD * head.marks[:, 0, 2]
+    offsets = wrap_angles(measured[:, np.newaxis] - formula.reshape(_DIRECTIONS, -1))
     return calibrated_camera(
-        Edges(told, offsets, radii, _EDGES_M),
+        Edges(measured, offsets, radii, _EDGES_M),
         size=(design.width, design.height),
         center=design.center,
         handedness=design.handedness,

@@ -66,8 +66,8 @@ def mirror_rays(
     point = origin + t[:, np.newaxis] * direction
     radius = np.hypot(point[:, 0], point[:, 1])
     _, slope = profile.surface(radius)
-    away = point[:, :2] / np.maximum(radius, 1e-12)[:, np.newaxis]
-    normal = np.column_stack((slope[:, np.newaxis] * away, -np.ones(len(rays))))
+    outwards = point[:, :2] / np.maximum(radius, 1e-12)[:, np.newaxis]
+    normal = np.column_stack((slope[:, np.newaxis] * outwards, -np.ones(len(rays))))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     reflected = direction - 2.0 * np.sum(direction * normal, axis=1, keepdims=True) * normal

@@ -89,8 +89,8 @@ def _hiding_at(x, y, reach, bodies, near):  # type: ignore[no-untyped-def]
     count = 0
     for i in range(len(bodies)):
         ox, oy = bodies[i, 0] - x, bodies[i, 1] - y
-        away = math.sqrt(ox * ox + oy * oy)
-        if away - bodies[i, 2] < reach < (away + bodies[i, 2]) * bodies[i, 3]:
+        distance = math.sqrt(ox * ox + oy * oy)
+        if distance - bodies[i, 2] < reach < (distance + bodies[i, 2]) * bodies[i, 3]:
             near[count] = bodies[i]
             count += 1
     return count

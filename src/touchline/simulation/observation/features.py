@@ -96,8 +96,8 @@ class ObservedFeatures:
     def _crossings(self, looking: Looking, rng: np.random.Generator) -> Crossings:
         kinds, orientations = [], []
         noise, pose = self.noise, looking.pose
-        away = np.hypot(*(self._places - (pose.x, pose.y)).T)
-        shares = noise.found_ratio * logistic((noise.found_half_m - away) / noise.found_slope_m)
+        distances_m = np.hypot(*(self._places - (pose.x, pose.y)).T)
+        shares = noise.found_ratio * logistic((noise.found_half_m - distances_m) / noise.found_slope_m)
         if noise.found_half_px > 0.0:
             shares *= _by_size(self.arm_widths(pose), noise.found_half_px, noise.found_log_slope)
         chosen = np.flatnonzero(self.visible_crossings(looking) & (rng.random(len(shares)) < shares))
@@ -119,7 +119,7 @@ class ObservedFeatures:
         """Posts, poles, penalty marks and the circle; and goals, both of whose posts are seen."""
         pose, marks = looking.pose, self._landmarks
         places = np.array([mark.place for mark in marks]).reshape(-1, 2)
-        away = np.hypot(*(places - (pose.x, pose.y)).T)
+        distances_m = np.hypot(*(places - (pose.x, pose.y)).T)
         noises = [mark.noise for mark in marks]
         found = np.array([(n.found_ratio, n.found_half_m, n.found_slope_m) for n in noises]).reshape(-1, 3)
         ratio, half, slope = found.T
@@ -127,7 +127,7 @@ class ObservedFeatures:
         of_circle = np.array([mark.kind is LandmarkKind.CIRCLE for mark in marks], dtype=np.bool_)
         if of_circle.any():
             visible[of_circle] = self.shows_circle(looking)
-        chosen = np.flatnonzero(visible & (rng.random(len(marks)) < ratio * logistic((half - away) / slope)))
+        chosen = np.flatnonzero(visible & (rng.random(len(marks)) < ratio * logistic((half - distances_m) / slope)))
         sizes = np.array([(noises[k].outwards_px, noises[k].across_px) for k in chosen]).reshape(-1, 2)
         seen = self._seen(pose, places[chosen], sizes, rng)
         shown = [marks[k] for k in chosen]

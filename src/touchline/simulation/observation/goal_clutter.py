@@ -73,11 +73,11 @@ def place_strays(pose, goals, threads, seed, view, places, count):  # type: igno
     c, s = math.cos(heading), math.sin(heading)
     for g in range(len(goals[0])):
         goal, mean = goals[0][g], goals[1][g]
-        away = math.sqrt((goal[0] - x) ** 2 + (0.5 * (goal[2] + goal[3]) - y) ** 2)
-        net = mean[0] / NET_PLACES / (1.0 + math.exp((away - mean[1]) / mean[2]))
+        distance = math.sqrt((goal[0] - x) ** 2 + (0.5 * (goal[2] + goal[3]) - y) ** 2)
+        net = mean[0] / NET_PLACES / (1.0 + math.exp((distance - mean[1]) / mean[2]))
         if mean[3] > 0.0:
-            net /= 1.0 + math.exp((mean[3] - away) / mean[2])
-        side = mean[4] / (PLACES - NET_PLACES) / (1.0 + math.exp((away - mean[5]) / mean[6]))
+            net /= 1.0 + math.exp((mean[3] - distance) / mean[2])
+        side = mean[4] / (PLACES - NET_PLACES) / (1.0 + math.exp((distance - mean[5]) / mean[6]))
         for k in range(PLACES):
             share = net if k < NET_PLACES else side
             if share < 1e-4:
@@ -108,8 +108,8 @@ def seen_thread(thread, on_net, x, y, view):  # type: ignore[no-untyped-def]
         return np.nan, np.nan
     stretch = view_m / (view_m - thread[2])
     px, py = stretch * (px - x), stretch * (py - y)
-    away = math.sqrt(px * px + py * py)
-    beyond = 1.0 + FLANK * scale_at(away, scales, 0) / away
+    radius = math.sqrt(px * px + py * py)
+    beyond = 1.0 + FLANK * scale_at(radius, scales, 0) / radius
     if not (abs(x + beyond * px) <= carpet[0] and abs(y + beyond * py) <= carpet[1]):  # or no scale known
         return np.nan, np.nan
     return x + px, y + py
