@@ -10,7 +10,7 @@ import pytest
 from touchline.camera import OmniCamera
 from touchline.experiments.drives import driven
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.camera_errors import CameraErrors, camera_errors
 from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.motion.driven import Scales
@@ -56,7 +56,7 @@ def test_one_model_follows_from_the_other_as_if_it_had_been_filtered_itself() ->
     assert fits + normalisation == pytest.approx(other_evidence - evidence, abs=1e-9)
 
 
-def learned(mirror: MirrorErrors, errors: list[float]) -> Filter:
+def learned(mirror: CameraErrors, errors: list[float]) -> Filter:
     """A filter that has seen these errors, each known to a twentieth of what it was, and a pose that goes with them."""
     unknown = InitialUncertainty(Scales(0, 0, 0), mirror.prior, mirror.drift, mirror.learned)
     one = Filter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), unknown)
@@ -68,7 +68,7 @@ def learned(mirror: MirrorErrors, errors: list[float]) -> Filter:
 
 
 def test_a_mirror_that_shows_no_error_is_taken_for_exact_and_one_that_does_is_not(camera: OmniCamera) -> None:
-    mirror = MirrorErrors.of(camera)
+    mirror = camera_errors(camera)
     exact = ExactCamera(mirror)
     small, large = learned(mirror, [0.0, 0.0, 0.08, 0.0, 0.0]), learned(mirror, [0.01, 0.0, 1.0, 0.0, 0.0])
     pose, covariance = exact.pose_of(small)
@@ -80,7 +80,7 @@ def test_a_mirror_that_shows_no_error_is_taken_for_exact_and_one_that_does_is_no
 
 
 def test_who_states_how_sure_a_file_is_is_believed(camera: OmniCamera) -> None:
-    mirror = MirrorErrors.of(replace(camera, stated_uncertainty=camera.uncertainty))
+    mirror = camera_errors(replace(camera, stated_uncertainty=camera.uncertainty))
     one = learned(mirror, [0.0, 0.0, 0.08, 0.0, 0.0])
     assert ExactCamera(mirror).pose_of(one)[0] == one.pose
-    assert ExactCamera(MirrorErrors.of(None)).pose_of(one)[0] == one.pose
+    assert ExactCamera(camera_errors(None)).pose_of(one)[0] == one.pose

@@ -11,7 +11,7 @@ from touchline.experiments.drives import driven
 from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.camera_errors import CameraErrors, camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.filter import (
     DELAY_DRIFT_S,
@@ -40,11 +40,11 @@ NO_LEAN = np.zeros((5, 5))  # per image
 
 
 @pytest.fixture(scope="module")
-def mirror() -> MirrorErrors:
-    return MirrorErrors.of(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera)
+def mirror() -> CameraErrors:
+    return camera_errors(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera)
 
 
-def askew(mirror: MirrorErrors, errors: np.ndarray) -> LinePoints:
+def askew(mirror: CameraErrors, errors: np.ndarray) -> LinePoints:
     """Points of lines about the true pose as a mirror with these errors sees them, without noise."""
     exact = TRUTH.inverse().transform(np.vstack(FIELD.polylines(0.2)))
     found = as_seen(exact[np.hypot(*exact.T) < 5.0], errors, mirror)
@@ -52,7 +52,7 @@ def askew(mirror: MirrorErrors, errors: np.ndarray) -> LinePoints:
     return LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
 
 
-def as_seen(exact: np.ndarray, errors: np.ndarray, mirror: MirrorErrors) -> np.ndarray:
+def as_seen(exact: np.ndarray, errors: np.ndarray, mirror: CameraErrors) -> np.ndarray:
     """The inverse of `placed_points`."""
     found = exact.copy()
     for _ in range(60):
@@ -65,7 +65,7 @@ def counted(points: LinePoints) -> Seen:
     return seen_points(points, 1.0 / repeated(len(points)))
 
 
-def test_one_image_of_a_mirror_askew_tells_pose_and_errors(mirror: MirrorErrors) -> None:
+def test_one_image_of_a_mirror_askew_tells_pose_and_errors(mirror: CameraErrors) -> None:
     seen = seen_points(askew(mirror, ERRORS), 1.0)._replace(noise=0.05)
     one = Filter(Pose(3.05, -1.04, 0.42), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
     registration = Registration(FIELD.distance_map())
@@ -80,7 +80,7 @@ def test_one_image_of_a_mirror_askew_tells_pose_and_errors(mirror: MirrorErrors)
     assert np.linalg.eigvalsh(one.covariance)[0] > 0.0
 
 
-def test_the_update_is_the_fit_and_its_inverse_information(mirror: MirrorErrors) -> None:
+def test_the_update_is_the_fit_and_its_inverse_information(mirror: CameraErrors) -> None:
     seen, per_image = counted(askew(mirror, np.zeros(5))), CameraErrorStatistics(mirror).per_image
     one = Filter(Pose(3.01, -1.0, 0.4), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
     prior = one.prior(per_image)
@@ -91,7 +91,7 @@ def test_the_update_is_the_fit_and_its_inverse_information(mirror: MirrorErrors)
     np.testing.assert_allclose(one.covariance, expected, rtol=1e-3, atol=1e-9)
 
 
-def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(mirror: MirrorErrors) -> None:
+def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(mirror: CameraErrors) -> None:
     seen = counted(askew(mirror, ERRORS))
     registration, spread = Registration(FIELD.distance_map()), np.diag([0.1, 0.1, 0.1]) ** 2
     kept, taught = (Filter(TRUTH, spread, UNKNOWN._replace(learned=learned)) for learned in (0.0, 1.0))
@@ -105,7 +105,7 @@ def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(mirror: MirrorE
     assert np.trace(taught.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
 
 
-def test_shaking_is_learned_from_a_lone_line_too(mirror: MirrorErrors) -> None:
+def test_shaking_is_learned_from_a_lone_line_too(mirror: CameraErrors) -> None:
     statistics, rng, per_m = CameraErrorStatistics(mirror), np.random.default_rng(1), 0.006
     exact = TRUTH.inverse().transform(np.column_stack((np.linspace(0.0, 5.0, 60), np.full(60, 5.9375))))
     registration, n = Registration(FIELD.distance_map()), len(exact)

@@ -13,7 +13,7 @@ from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import Response, fill_rows, place, placed_points, prepare
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.localization.registration.features import Features
@@ -46,7 +46,7 @@ def kind(request: pytest.FixtureRequest) -> Kind:
     if request.param == "mirror":
         camera = open_simulated_camera(CameraSettings(), None)
         assert isinstance(camera, SimulatedOmniCamera)
-        return Kind(MirrorErrors.of(camera.design).response(), np.array([0.006, -0.004, 0.6, -0.3, 0.008]))
+        return Kind(camera_errors(camera.design).response(), np.array([0.006, -0.004, 0.6, -0.3, 0.008]))
     axis = np.zeros(3) if request.param == "no axis" else AXIS
     response = PerspectiveResponse(EYE, axis, fisheye=request.param == "fisheye")
     return Kind(response, np.array([0.012, -0.015, 0.01, 0.012]))

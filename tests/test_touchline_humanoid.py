@@ -18,7 +18,7 @@ from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.camera_errors import PerspectiveErrors
+from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.localization.estimator import field_end
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
@@ -297,7 +297,7 @@ def as_seen(ground: FloatArray, state: FloatArray, eye: FloatArray) -> FloatArra
 
 
 def walking_filter(pose: Pose, covariance: FloatArray) -> Filter:
-    errors = PerspectiveErrors.of(None, 1.0)
+    errors = camera_errors(None, 1.0)
     return Filter(pose, covariance, InitialUncertainty(Scales(0.05, 0.05, 0.0), errors.prior, errors.drift, 1.0, 0.003))
 
 
@@ -319,7 +319,7 @@ def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
 def test_the_noise_of_steps_is_learned_and_the_covariance_honest(noise: float) -> None:
     rng, true, information = np.random.default_rng(2), np.zeros(7), np.diag([1e4, 1e4, 1e5, 1e4, 1e4, 1e4, 1e4])
     one, steps, squares = walking_filter(Pose(0.0, 0.0, 0.0), 1e-4 * np.eye(3)), StepNoise(walks=True), []
-    per_image = CameraErrorStatistics(PerspectiveErrors.of(None, 1.0)).per_image
+    per_image = CameraErrorStatistics(camera_errors(None, 1.0)).per_image
     motion = Motion(Pose(0.0, 0.0, 0.0), np.diag([0.005, 0.005, 0.003]) ** 2, 0.0)
     for _ in range(300):
         one.predict(Delayed(motion, 0.0, np.zeros(3), np.zeros(3)), 0.125, steps.of(motion))

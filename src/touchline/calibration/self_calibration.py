@@ -21,8 +21,8 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.camera_errors.mirror import MISFIT_M2, NAMES, MirrorErrors
+from touchline.localization.camera_errors.base import CameraErrors, placed_points
+from touchline.localization.camera_errors.mirror import MISFIT_M2, NAMES, mirror_errors
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M, MirrorResponse
 from touchline.types import Estimate, LinePoints, Status
 
@@ -126,7 +126,7 @@ def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[Vi
 def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration[OmniCamera]:
     """The camera that puts the line points of all views on the field's lines. Raises NoFitError with the reason."""
     require_views(len(views))
-    bundle = _Views(views, MirrorErrors.of(camera), field)
+    bundle = _Views(views, mirror_errors(camera), field)
     state = bundle.start()
     before, starts = bundle.quality(state), state[bundle.own[:, :3]]
     for width_m in WIDTHS_M:
@@ -165,8 +165,8 @@ class _Views:
     A state holds what is shared (5 + knots), then of each view the pose (3,) and its head's shaking (2,).
     """
 
-    def __init__(self, views: Sequence[View], errors: MirrorErrors, field: FieldModel) -> None:
-        self.views, self.mirror, self._map = views, errors.mirror, field.distance_map()
+    def __init__(self, views: Sequence[View], errors: CameraErrors, field: FieldModel) -> None:
+        self.views, self.mirror, self._map = views, errors.response(), field.distance_map()
         self.shared, self.own = entries(_SHARED, len(views), _OWN)
         self._prior = np.diag([0.0] * ERRORS + [KNOT_RATIO**-2.0] * len(KNOTS_M))
         self._prior[:ERRORS, :ERRORS] = np.linalg.inv(errors.prior + 1e-14 * np.eye(ERRORS))

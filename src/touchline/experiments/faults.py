@@ -18,7 +18,7 @@ import numpy.typing as npt
 from touchline.camera import PinholeCamera
 from touchline.experiments.drives import Drive
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle, wrap_angles
-from touchline.localization.camera_errors import PerspectiveErrors
+from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.simulation.observation.features import turned
 from touchline.types import Frame, LinePoints, Observation, Samples, empty_points, points_at
@@ -354,7 +354,7 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
         base_from_camera=Pose3(mount.rotation, eye + np.array([0.0, 0.0, higher_m])),
     )
 
-    errors = PerspectiveErrors.of(camera)
+    errors = camera_errors(camera)
 
     def as_told(frame: Frame, seen: Observation) -> Observation:
         return _on_ground(seen, partial(placed_points, errors=shared, response=errors.response(frame)))

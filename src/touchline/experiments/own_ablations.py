@@ -17,7 +17,6 @@ from touchline.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH,
 from touchline.experiments.own_points import OWN
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import Pose
-from touchline.localization.camera_errors import MirrorErrors
 from touchline.localization.camera_errors.base import Lean
 from touchline.localization.estimator.filter import Filter
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
@@ -62,7 +61,6 @@ def _with_scales_as_noise(system: Touchline) -> None:
 
 
 def _without_lean(system: Touchline) -> None:
-    assert isinstance(system.errors, MirrorErrors)
     system.open_parts(replace(system.errors, lean=Lean(0.0, 0.0, 0.0, 1.0)))
 
 

@@ -2,14 +2,14 @@
 
 from touchline.camera import Camera
 from touchline.localization.camera_errors.base import CameraErrors
-from touchline.localization.camera_errors.mirror import MirrorErrors
-from touchline.localization.camera_errors.perspective import PerspectiveErrors
+from touchline.localization.camera_errors.mirror import mirror_errors
+from touchline.localization.camera_errors.perspective import perspective_errors
 
 
 def camera_errors(camera: Camera | None, height_m: float | None = None) -> CameraErrors:
     """Those of a camera; without one of a perspective camera at a height, or of an undescribed mirror."""
     perspective = height_m is not None if camera is None else camera.model != "omni"
-    return PerspectiveErrors.of(camera, height_m) if perspective else MirrorErrors.of(camera)
+    return perspective_errors(camera, height_m) if perspective else mirror_errors(camera)
 
 
-__all__ = ["CameraErrors", "MirrorErrors", "PerspectiveErrors", "camera_errors"]
+__all__ = ["CameraErrors", "camera_errors"]

@@ -1,20 +1,21 @@
 """What a built camera differs by from its camera.yaml: errors that all its images share, states of the filter.
 
-One protocol, one implementation for each kind of camera. What compiled loops need of a kind stands beside it: it
-overloads `prepare`, `place` and `fill_rows` for the type of its `response`, and the loops of `registration` are
-compiled once for each kind.
+One record for every kind of camera, one file for each. What compiled loops need of a kind stands there: it overloads
+`prepare`, `place` and `fill_rows` for the type of its `response`, and the loops of `registration` are compiled once for
+each kind.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.types import Frame
 
 Response = Any  # a NamedTuple of arrays and numbers, of a type of its own for each kind of camera
 
@@ -64,64 +65,30 @@ class Lean(NamedTuple):
     per_m: float
 
 
-class CameraErrors(Protocol):
-    """The K errors of one kind of camera."""
+@dataclass(frozen=True, eq=False)
+class CameraErrors:
+    """The K errors of one kind of camera.
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of each, with its unit."""
-        ...
+    names: of each, with its unit. height_m: of the camera above the ground. prior (K, K): their covariance before the
+    first image. drift (K,): standard deviation of how they change in the root of a second. learned: share of its step
+    by an image that they take (`Filter`). lean: of each image, beside the errors that all share. trust: limits of one
+    image's evidence. response: what the errors do to what is seen, at the image of a frame, for the compiled loops.
+    floor: standard deviations (m, m, rad) of the pose that no image lowers. misfit: standard deviation of the position
+    by what each error does beyond this model, per unit (m). exact: inverse covariance (K, K) of the errors if
+    camera.yaml is exact, as one without a stated uncertainty may be; None with one.
+    """
 
-    @property
-    def height_m(self) -> float:
-        """Of the camera above the ground."""
-        ...
-
-    @property
-    def prior(self) -> FloatArray:
-        """(K, K): their covariance before the first image."""
-        ...
-
-    @property
-    def drift(self) -> FloatArray:
-        """(K,): standard deviation of how they change in the root of a second."""
-        ...
-
-    @property
-    def learned(self) -> float:
-        """Share of its step by an image that they take (`Filter`)."""
-        ...
-
-    @property
-    def lean(self) -> Lean:
-        """Of each image, beside the errors that all share."""
-        ...
-
-    @property
-    def trust(self) -> ImageTrust:
-        """Limits of one image's evidence."""
-        ...
-
-    @property
-    def floor(self) -> tuple[float, float, float]:
-        """Standard deviations (m, m, rad) of the pose that no image lowers."""
-        ...
-
-    @property
-    def misfit(self) -> tuple[float, ...]:
-        """Standard deviation of the position by what each error does beyond this model, per unit (m)."""
-        ...
-
-    @property
-    def exact(self) -> FloatArray | None:
-        """Inverse covariance (K, K) of the errors if camera.yaml is exact, as one without a stated uncertainty may be;
-        None with one.
-        """
-        ...
-
-    def response(self, frame: Frame | None = None) -> Response:
-        """What the errors do to what is seen, at the image of a frame, for the compiled loops."""
-        ...
+    names: tuple[str, ...]
+    height_m: float
+    prior: FloatArray
+    drift: FloatArray
+    learned: float
+    lean: Lean
+    trust: ImageTrust
+    response: Callable[..., Response]
+    floor: tuple[float, float, float]
+    misfit: tuple[float, ...]
+    exact: FloatArray | None = None
 
 
 def prepare(points: Any, errors: Any, response: Any) -> Any:

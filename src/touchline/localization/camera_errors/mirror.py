@@ -12,7 +12,6 @@ the mirror's own shape; as mirrors bend they are taken half way between p and p'
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from numba.extending import overload
 from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.base import ALL_ROUND, ImageTrust, Lean, fill_rows, place, prepare
+from touchline.localization.camera_errors.base import ALL_ROUND, CameraErrors, Lean, fill_rows, place, prepare
 from touchline.localization.camera_errors.mirror_response import (
     HEIGHT_M,
     SCALE_STEP_M,
@@ -45,41 +44,22 @@ MIN_DEPTH = 0.2  # of 1 - g·p: beyond it is the horizon
 NAMES = ("lean towards x (1/m)", "lean towards y (1/m)", "centre u (px)", "centre v (px)", "range ratio")
 
 
-@dataclass(frozen=True, eq=False)
-class MirrorErrors:
-    """`CameraErrors` of a mirror; one without a camera.yaml leans and shakes, too."""
-
-    prior: FloatArray
-    exact: FloatArray | None
-    mirror: MirrorResponse
-    lean: Lean = LEAN
-    names: tuple[str, ...] = NAMES
-    height_m: float = HEIGHT_M
-    learned: float = LEARNED
-    trust: ImageTrust = ALL_ROUND
-    floor: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    misfit: tuple[float, ...] = (MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0)
-
-    @classmethod
-    def of(cls, camera: Camera | None) -> MirrorErrors:
-        """Those of a camera, as far as its camera.yaml is unsure."""
-        if not isinstance(camera, OmniCamera):
-            return cls(stated(UNTOLD), None, mirror_response(None))
-        exact = None
+def mirror_errors(camera: Camera | None) -> CameraErrors:
+    """Those of a mirror, as far as its camera.yaml is unsure; one without a camera.yaml leans and shakes, too."""
+    told, exact = UNTOLD, None
+    if isinstance(camera, OmniCamera):
+        told, center_px = camera.uncertainty, EXACT_CENTER_RATIO * camera.outer_radius_px
         if camera.stated_uncertainty is None:
-            center_px = EXACT_CENTER_RATIO * camera.outer_radius_px
             exact = np.linalg.inv(stated(CameraUncertainty(EXACT_TILT_DEG, center_px, EXACT_RANGE_RATIO)))
-        return cls(stated(camera.uncertainty), exact, mirror_response(camera))
+    prior, response = stated(told), mirror_response(camera if isinstance(camera, OmniCamera) else None)
+    drift = DRIFT_RATIO * np.sqrt(np.diag(prior))
+    misfit = (MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0)
 
-    @property
-    def drift(self) -> FloatArray:
-        """(5,), as of `CameraErrors`."""
-        drift: FloatArray = DRIFT_RATIO * np.sqrt(np.diag(self.prior))
-        return drift
-
-    def response(self, frame: Frame | None = None) -> MirrorResponse:
+    def at(frame: Frame | None = None) -> MirrorResponse:
         """The same for every image: a mirror does not turn."""
-        return self.mirror
+        return response
+
+    return CameraErrors(NAMES, HEIGHT_M, prior, drift, LEARNED, LEAN, ALL_ROUND, at, (0.0, 0.0, 0.0), misfit, exact)
 
 
 def stated(told: CameraUncertainty) -> FloatArray:

@@ -7,7 +7,6 @@ turned back and meets the ground again (exactly: at 6 m and 2° the first order 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,17 +15,17 @@ from numba.extending import overload
 from touchline.camera import Camera, ground_view
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.base import SECTOR, ImageTrust, Lean, fill_rows, place, prepare
+from touchline.localization.camera_errors.base import SECTOR, CameraErrors, Lean, fill_rows, place, prepare
 from touchline.localization.camera_errors.fisheye_focal import angle_stretch, scaled_angle
 from touchline.types import Frame
 
 HEIGHT_M = 1.0  # of an undescribed camera
-MOUNT_RAD = 0.02  # how far a camera is mounted askew, in roll and in pitch: two degrees happen
-HEIGHT_RATIO, FOCAL_RATIO = 0.02, 0.02  # how far its height and its focal length are off
+# of roll and pitch (rad), as cameras are mounted, two degrees happen; relative ones of height and focal length
+DEVIATIONS = 0.02, 0.02, 0.02, 0.02
 DRIFT = np.array([0.0003, 0.0003, 0.0001, 0.00003])  # of these in the root of a second
 LEARNED = 1.0  # share of an image's correction of the errors
 LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD = 0.008, 0.002, 0.03  # error of roll and pitch in one image
-MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image shows: a camera turned aside turns all
+FLOOR = 0.005, 0.005, 0.015  # m, m, rad, that no image shows: a camera turned aside turns all
 NO_AXIS = np.zeros(3)
 NAMES = ("roll (rad)", "pitch (rad)", "height ratio", "focal ratio")
 
@@ -41,57 +40,27 @@ class PerspectiveResponse(NamedTuple):
     fisheye: bool
 
 
-@dataclass(frozen=True, eq=False)
-class PerspectiveErrors:
-    """`CameraErrors` of a perspective camera at `eye` (3,), robot frame (m); camera: None if it is undescribed."""
+def perspective_errors(camera: Camera | None, height_m: float | None = None) -> CameraErrors:
+    """Those of a camera, or of one at a height behind a detector of the robot's own."""
+    eye = np.array([0.0, 0.0, height_m or HEIGHT_M])
+    if camera is not None:
+        eye = np.ascontiguousarray(camera.base_from_camera.translation_m)
+    height_m, fisheye = float(eye[2]), camera is not None and camera.model == "fisheye"
+    prior, lean = np.diag(np.square(DEVIATIONS)), Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / height_m)
 
-    camera: Camera | None
-    eye: FloatArray
-    lean: Lean
-    names: tuple[str, ...] = NAMES
-    learned: float = LEARNED
-    trust: ImageTrust = SECTOR
-    floor: tuple[float, float, float] = (MIN_POSITION_M, MIN_POSITION_M, MIN_HEADING_RAD)
-    misfit: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    exact: FloatArray | None = None
-
-    @classmethod
-    def of(cls, camera: Camera | None, height_m: float | None = None) -> PerspectiveErrors:
-        """Those of a camera, or of one at a height behind a detector of the robot's own."""
-        eye = np.array([0.0, 0.0, height_m or HEIGHT_M])
-        if camera is not None:
-            eye = np.ascontiguousarray(camera.base_from_camera.translation_m)
-        return cls(camera, eye, Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / float(eye[2])))
-
-    @property
-    def height_m(self) -> float:
-        """As of `CameraErrors`."""
-        return float(self.eye[2])
-
-    @property
-    def prior(self) -> FloatArray:
-        """(4, 4), as of `CameraErrors`."""
-        return np.diag(np.square([MOUNT_RAD, MOUNT_RAD, HEIGHT_RATIO, FOCAL_RATIO]))
-
-    @property
-    def drift(self) -> FloatArray:
-        """(4,), as of `CameraErrors`."""
-        return DRIFT
-
-    def response(self, frame: Frame | None = None) -> PerspectiveResponse:
+    def at(frame: Frame | None = None) -> PerspectiveResponse:
         """Where the camera looks at the image of a frame."""
-        fisheye = self.camera is not None and self.camera.model == "fisheye"
-        return PerspectiveResponse(self.eye, NO_AXIS if frame is None else self._axis(frame), fisheye)
+        return PerspectiveResponse(eye, NO_AXIS if camera is None or frame is None else _axis(camera, frame), fisheye)
 
-    def _axis(self, frame: Frame) -> FloatArray:
-        if self.camera is None:
-            return NO_AXIS
-        lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
-        try:
-            axis = ground_view(self.camera, frame.base_from_camera, *lean).pose.rotation[:, 0]
-        except InputError:
-            return NO_AXIS
-        return np.ascontiguousarray(axis)
+    return CameraErrors(NAMES, height_m, prior, DRIFT, LEARNED, lean, SECTOR, at, FLOOR, (0.0, 0.0, 0.0, 0.0))
+
+
+def _axis(camera: Camera, frame: Frame) -> FloatArray:
+    lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
+    try:
+        return np.ascontiguousarray(ground_view(camera, frame.base_from_camera, *lean).pose.rotation[:, 0])
+    except InputError:
+        return NO_AXIS
 
 
 def _is_perspective(response: Any) -> bool:

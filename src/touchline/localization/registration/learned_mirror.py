@@ -17,7 +17,7 @@ from touchline.camera import Camera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.camera_errors.mirror import MirrorErrors
+from touchline.localization.camera_errors.mirror import mirror_errors
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M
 from touchline.localization.registration.covariance import widest_m
 from touchline.localization.registration.joint import StatePrior
@@ -88,8 +88,8 @@ class LearnedMirror:
         """
         self.enabled, self.field = enabled, field
         self._registration = Registration(field.distance_map())
-        self.errors = MirrorErrors.of(camera)
-        self._mirror, self._unknown = self.errors.mirror._replace(height_m=height_m), self.errors.prior
+        self.errors = mirror_errors(camera)
+        self._mirror, self._unknown = self.errors.response()._replace(height_m=height_m), self.errors.prior
         displaced, scaled = looked_for
         which = np.array([True, True, displaced, displaced, scaled]) & enabled
         self._which = which & (np.diag(self._unknown) > 0.0)
