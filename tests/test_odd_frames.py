@@ -146,7 +146,7 @@ def test_wheels_and_odometry_may_miss_frames(name: str) -> None:
     for k, frame in enumerate(frames):
         estimate = made.step(replace(frame, wheels=None, odometry=None) if k % 3 else frame)
         assert estimate.status is not Status.TRACKING or estimate.pose.distance_to(poses[k]) < 0.2
-        assert estimate.status is Status.TRACKING or k < 20
+        assert estimate.status is Status.TRACKING or k < 20 or estimate.reason == "not yet confirmed by motion"
 
 
 @every_system

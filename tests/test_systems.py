@@ -62,7 +62,8 @@ def test_a_system_takes_frames_with_points_with_images_and_with_neither(name: st
     estimates = [made.step(frame) for frame in frames]
     assert [estimate.stamp_ns for estimate in estimates] == [frame.stamp_ns for frame in frames]
     assert (estimates[-1].points > 0) == (level != "neither")
-    assert (estimates[-1].status is Status.SEARCHING) == (level == "neither")
+    unmoved = level != "neither" and estimates[-1].reason == "not yet confirmed by motion"
+    assert (estimates[-1].status is Status.SEARCHING and not unmoved) == (level == "neither")
     assert (made.detector is None) == (level != "images")
     assert all(np.isfinite(estimate.covariance).all() for estimate in estimates)
 

@@ -9,12 +9,22 @@ import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.history import MotionHistory
-from touchline.motion.odometry import DRIFT_M, DRIFT_RAD, TRAVEL_NOISE_M, TRAVEL_NOISE_RAD, TURN_NOISE_RAD, Motion
+from touchline.motion.odometry import (
+    DRIFT_M,
+    DRIFT_RAD,
+    TRAVEL_NOISE_M,
+    TRAVEL_NOISE_RAD,
+    TURN_NOISE_RAD,
+    UNKNOWN_SPEED_M_S,
+    UNKNOWN_TURN_RAD_S,
+    Motion,
+)
 from touchline.motion.samples import NANOSECONDS
 
 _MEAN_S = 0.2  # over which a speed is a mean: shorter, and odometry's noise is what changes it
 _MEAN_NS = int(_MEAN_S * NANOSECONDS)
 _MAX_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
+CHANGE_RATIO = 0.3  # of a velocity that only images tell, from one image to the next
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
 
 Vector = tuple[float, float, float]  # ahead, left, turning; plain floats: NumPy takes longer for three
@@ -62,6 +72,16 @@ def _noise2(velocity: Vector, seconds: float) -> tuple[float, float]:
     speed, apart = math.hypot(x, y), 2.0 * min(seconds, _MEAN_S) / _MEAN_S**2
     position2 = TRAVEL_NOISE_M**2 * speed + DRIFT_M**2
     return apart * position2, apart * (TRAVEL_NOISE_RAD**2 * speed + TURN_NOISE_RAD**2 * abs(turning) + DRIFT_RAD**2)
+
+
+def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
+    """The motion over some time at a velocity (3,), robot frame (m/s, m/s, rad/s), that no odometry tells."""
+    speed, turning = math.hypot(velocity[0], velocity[1]), abs(float(velocity[2]))
+    position = (CHANGE_RATIO * speed + UNKNOWN_SPEED_M_S / 2.0) * seconds
+    turn = (CHANGE_RATIO * turning + UNKNOWN_TURN_RAD_S / 2.0) * seconds
+    covariance = np.diag(np.square([position, position, turn]))
+    motion = Motion(Pose(*(seconds * velocity).tolist()), covariance, seconds)
+    return Delayed(motion, late_s, np.zeros(3), np.zeros(3))
 
 
 def until_stamp(history: MotionHistory, stamp_ns: int, late_s: float) -> Delayed:

@@ -104,6 +104,13 @@ class SampleHistory:
         """Values of the samples from one stamp to another, both included; not to be changed."""
         return self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
 
+    def at_all(self, stamps_ns: FloatArray) -> FloatArray:
+        """Values (M, columns) at stamps (M,), as `at`."""
+        first = max(bisect_right(self._stamps_ns, stamps_ns.min()) - 1, 0)
+        end = bisect_left(self._stamps_ns, stamps_ns.max()) + 1
+        known, rows = np.array(self._stamps_ns[first:end], dtype=np.float64), np.array(self._rows[first:end])
+        return np.column_stack([np.interp(stamps_ns, known, column) for column in rows.T])
+
     def between(self, start_ns: int, end_ns: int) -> FloatArray:
         """Values (M, columns) of the samples from one stamp to another, both included."""
         return np.array(self.rows_within(start_ns, end_ns), dtype=np.float64).reshape(-1, self._columns)

@@ -23,8 +23,10 @@ from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
+from touchline.localization.estimator.integrity import Jump
 from touchline.localization.estimator.measurements import MEASUREMENTS
 from touchline.localization.estimator.pose_status import Criteria, PoseStatus
+from touchline.localization.estimator.safeguard import Safeguard
 from touchline.localization.estimator.stamp_delay import INITIAL_DEVIATION_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
@@ -38,7 +40,7 @@ from touchline.localization.registration.seen import seen_of
 from touchline.localization.search.field_search import FieldSearch
 from touchline.localization.search.pose_search import Known, Mode, contradiction
 from touchline.motion import CompassTrackSettings, LeanFilter, MotionHistory, OdometrySettings
-from touchline.motion.delayed import delayed, until_stamp
+from touchline.motion.delayed import until_stamp
 from touchline.motion.driven import Scales
 from touchline.motion.lean import LAG_S
 from touchline.perception import detector_for, observe
@@ -136,6 +138,7 @@ class Touchline:
         search = FieldSearch(field, self.registration, self.model, reach_m)
         self.watch = FieldWatch(search, settings.search_every)
         self.open_parts(camera_errors(setup.camera, setup.height_m))
+        self.safeguard = Safeguard(self.registration, field)
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
         self.reset()
 
@@ -177,6 +180,7 @@ class Touchline:
         self.end.reset(known=prior.pose is not None)
         self.judged.reset(tracking=start is not None)
         self.watch.reset()
+        self.safeguard.reset(confirmed=prior != Prior())
         self.before_ns, self.problems = 0, tuple[str, ...]()
 
     def step(self, frame: Frame) -> Estimate:
@@ -192,6 +196,7 @@ class Touchline:
             modes = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
             self.bank.update(image, modes, self.judged.carried_log_odds, frame.evidence)  # fuse, weigh
             self._judge_end(frame, observation, seconds)  # which end of the field
+            self._judge_sensors(frame, image)  # does any sensor contradict the others?
         self._judge_status(seconds)  # is the pose tracked?
         self._judge_delay(frame)  # how late are the stamps?
         return self._report(observation)
@@ -213,8 +218,9 @@ class Touchline:
     def _predict(self, frame: Frame, seconds: float) -> FloatArray | None:
         """From when the last image was taken to when this one was; (3,) by how much that may be off, robot frame."""
         self.stuck.update(frame.compass)
-        moved = delayed(self.history, self.before_ns, frame.stamp_ns, self._estimated_delay_s)
+        moved = self.safeguard.motion(self.history, (self.before_ns, frame.stamp_ns), self._estimated_delay_s)
         self.bank.predict(moved, seconds)
+        self.safeguard.carry(moved, seconds)
         self.followed = self.bank.best
         self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
@@ -272,6 +278,8 @@ class Touchline:
         best, end = self.bank.best, self.end
         if best is None:
             return
+        if self.safeguard.held is not None:
+            return
         compass_rad = self._compass(frame)
         if self.followed is None or not could_be_shove(best.filter.pose.as_array() - self.predicted):
             self._begin_end(best, compass_rad)
@@ -285,6 +293,18 @@ class Touchline:
         if end.is_refuted:
             self.problems = (end.refutation,)
             self._swap_ends()
+
+    def _judge_sensors(self, frame: Frame, image: Image) -> None:
+        """Whether images and odometry are trusted."""
+        best = self.bank.best
+        elsewhere = best is None or not could_be_shove(best.filter.pose.as_array() - self.predicted)
+        predicted = None if self.followed is None else Pose(*self.predicted.tolist())
+        jump = Jump(predicted, predicted is None or elsewhere)
+        self.problems += self.safeguard.update(
+            frame.stamp_ns, image, self.bank, self.end, self.history, self.delay, jump
+        )
+        if self.bank.best is not None and self.judged.status is Status.TRACKING:
+            self.safeguard.keep(frame.stamp_ns, self.bank.best.filter, self.end)
 
     def _begin_end(self, best: Member, compass_rad: float | None) -> None:
         """A pose was found anew, or found elsewhere."""
@@ -314,6 +334,8 @@ class Touchline:
         """How late images are stamped, by the motion that the pose shows or by how a walking robot sways."""
         best = self.bank.best
         if best is None or best.fit is None or self.judged.status is not Status.TRACKING or self.judged.blind_frames:
+            return
+        if self.safeguard.verdict.reason:
             return
         pans = frame.base_from_camera is not None  # the camera's pose then is unknown: named, and not corrected
         if not self.setup.walks:
@@ -346,19 +368,33 @@ class Touchline:
                 others.append(Hypothesis(at, off_m, probability * end, spread))
             if end < 1.0:
                 others.append(Hypothesis(at.mirrored(), off_m, probability * (1.0 - end), mirrored_covariance(spread)))
+        status, held = self.judged.status, self.safeguard.held
+        if not self.safeguard.integrity.is_believed:
+            status = Status.SEARCHING if status is Status.TRACKING else status
+        if held is not None:
+            others.append(Hypothesis(pose, residual_m, None, covariance))
+            pose, covariance = held.pose, held.covariance
+        bound_m, bound_rad = None, None
+        if status is Status.TRACKING:
+            bound_m, bound_rad = self.safeguard.integrity.protection(covariance) or (None, None)
         return Estimate(
             observation.stamp_ns,
             pose,
-            covariance if self.judged.status is Status.TRACKING else covariance + ANYWHERE,
-            self.judged.status,
+            covariance if status is Status.TRACKING else covariance + ANYWHERE,
+            status,
             residual_m,
             sum(map(len, seen)),
             tuple(others),
-            None if best is None else self.bank.probabilities[0] * end,
+            None if best is None or held is not None else self.bank.probabilities[0] * end,
             self.clock.perception_ms,
             self.clock.localization_ms,
             observation,
             problems=self.problems,
+            protection_m=bound_m,
+            protection_rad=bound_rad,
+            reason=self.safeguard.integrity.reason if status is not Status.TRACKING else "",
+            end_probability=None if best is None else end,
+            statistics=self.safeguard.integrity.statistics,
             odometry=None if best is None else best.filter.odometry,
         )
 

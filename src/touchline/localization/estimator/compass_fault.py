@@ -22,7 +22,7 @@ MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it does not count in the search of a lost robot
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
 # rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
-_States = tuple[tuple[float, float], tuple[float, float]]
+CompassStates = tuple[tuple[float, float], tuple[float, float]]
 
 # of a robot whose pose jumps as its compass turns round, that it was carried to near its twin's place; else it was
 # shoved in the very image in which the compass failed. Both are rare; where robots play, shoves are not
@@ -30,14 +30,14 @@ CARRIED = 0.33
 REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
 PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
 # likelihood of each reading (for the pose's end, for neither, against it); a failed compass may show anything
-_LIKELY: dict[int, _States] = {
+_LIKELY: dict[int, CompassStates] = {
     1: ((1.0, 1.0), (UNLIKELY, 1.0)),
     0: ((UNLIKELY, 1.0), (UNLIKELY, 1.0)),
     -1: ((UNLIKELY, 1.0), (1.0, 1.0)),
 }
 
 # the reading with which a pose was found: a failed compass has led the search to the other end, or is right by chance
-_FIRST_READING: dict[int, _States] = {
+_FIRST_READING: dict[int, CompassStates] = {
     1: ((1.0, 0.25), (1e-6, 1.0)),
     -1: ((1e-6, 1.0), (1.0, 0.25)),
 }
@@ -80,12 +80,12 @@ class CompassFaultFilter:
 
     def reset(self) -> None:
         """Nothing is known."""
-        self._states = _both_ends(COMPASS_FALSE)
+        self.states = _both_ends(COMPASS_FALSE)
 
     @property
     def log_odds(self) -> float:
         """Of the pose's end, against the other."""
-        right, wrong = self._states
+        right, wrong = self.states
         return math.log(sum(right) / sum(wrong))
 
     @property
@@ -95,15 +95,15 @@ class CompassFaultFilter:
 
     @property
     def _failed(self) -> float:
-        right, wrong = self._states
+        right, wrong = self.states
         return (right[1] + wrong[1]) / (sum(right) + sum(wrong))
 
     def begin(self, error_rad: float | None) -> None:
         """A pose was found anew that a compass differs from: of its end nothing else is known."""
-        self._states = _both_ends(self._failed)
+        self.states = _both_ends(self._failed)
         support = supports(error_rad)
         if support:
-            self._states = _weighed(self._states, _FIRST_READING[support])
+            self.states = _weighed(self.states, _FIRST_READING[support])
 
     def update(self, error_rad: float | None, seconds: float) -> None:
         """Take its difference from the pose's heading; None: no reading. seconds: since the one before."""
@@ -116,34 +116,34 @@ class CompassFaultFilter:
         lasting = math.exp(-elapsed_s / FAULT_S) if support else 1.0
         right, wrong = (
             (works * (1.0 - failing) + failed * ending, (works * failing + failed * (1.0 - ending)) * lasting)
-            for works, failed in self._states
+            for works, failed in self.states
         )
-        self._states = _bounded(_weighed((right, wrong), _LIKELY[support]))
+        self.states = _bounded(_weighed((right, wrong), _LIKELY[support]))
 
     def doubt(self) -> None:
         """It has turned round in the image in which the pose jumped."""
-        self._states = (0.0, 1.0 - CARRIED), (CARRIED, 0.0)
+        self.states = (0.0, 1.0 - CARRIED), (CARRIED, 0.0)
 
     def swap_ends(self) -> None:
         """The twin is the pose from now on."""
-        right, wrong = self._states
-        self._states = wrong, right
+        right, wrong = self.states
+        self.states = wrong, right
 
 
-def _both_ends(failed: float) -> _States:
+def _both_ends(failed: float) -> CompassStates:
     """States of which nothing but the probability of a failed compass is known."""
     each = 0.5 * (1.0 - failed), 0.5 * failed
     return each, each
 
 
-def _weighed(states: _States, likely: _States) -> _States:
+def _weighed(states: CompassStates, likely: CompassStates) -> CompassStates:
     """Each state times how likely it is."""
     (a, b), (c, d) = states
     (e, f), (g, h) = likely
     return (a * e, b * f), (c * g, d * h)
 
 
-def _bounded(states: _States) -> _States:
+def _bounded(states: CompassStates) -> CompassStates:
     """States that sum to one, with log-odds of MAX_LOG_ODDS between the ends at most: nothing is certain for ever."""
     ends = [sum(end) for end in states]
     least, total = math.exp(-MAX_LOG_ODDS) * max(ends), sum(ends)

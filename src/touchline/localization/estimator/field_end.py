@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from touchline.geometry import Pose
-from touchline.localization.estimator.compass_fault import CompassFaultFilter, supports
+from touchline.localization.estimator.compass_fault import CompassFaultFilter, CompassStates, supports
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView
 from touchline.types import Evidence
 
@@ -28,6 +29,15 @@ REFUTED = -2.0  # log-odds from which the twin is taken
 CLEAR = 3.0  # log-odds, without the prior, from which the end is confirmed
 JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
 UNDECIDED_S = 10.0  # after which it is reported, and reported again, that nothing distinguishes the ends
+
+
+class EndMemory(NamedTuple):
+    """What was known of the end of the field at some time."""
+
+    prior_log_odds: float
+    colours: float
+    compass: CompassStates
+    undecided: bool
 
 
 class FieldEnd:
@@ -63,6 +73,23 @@ class FieldEnd:
         self._forget(known)
         self.compass.begin(compass_error_rad)
         self._support = supports(compass_error_rad)
+
+    @property
+    def memory(self) -> EndMemory:
+        """What is known now."""
+        return EndMemory(self.prior_log_odds, self.colours, self.compass.states, self.undecided)
+
+    def recall(self, memory: EndMemory) -> None:
+        """Know what was known then."""
+        self.prior_log_odds, self.colours, self.compass.states, self.undecided = memory
+        self._jumping = 0
+
+    def leave_open(self) -> None:
+        """Nothing is known of the end until something tells."""
+        compass_doubted = self.compass
+        self._forget(False)
+        compass_doubted.reset()
+        self.undecided = True
 
     def jumped(self) -> None:
         """The pose has just jumped, as by a shove. One that was carried to near its twin's place looks just so; but its

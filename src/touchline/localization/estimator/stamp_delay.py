@@ -41,6 +41,13 @@ class StampDelay:
         """Standard deviation of a stamp about the mean: of stamps on arrival alone."""
         return WANDERING_S if self.corrected_s else 0.0
 
+    def take(self, late_s: float, deviation_s: float) -> bool:
+        """Accept a delay that the motion has shown, if it can be corrected; whether it is another than before."""
+        if not self._correctable or abs(late_s - self._accepted_s) < 2.0 * deviation_s:
+            return False
+        self._accepted_s, self.deviation_s, self._sure = late_s, deviation_s, MIN_IMAGES
+        return True
+
     def update(self, estimated_s: float, deviation_s: float, correctable: bool = True) -> str | None:
         """Take the delay that an image gives. correctable: not so of a head that pans and was elsewhere then.
 

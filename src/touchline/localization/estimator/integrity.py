@@ -1,0 +1,271 @@
+"""Whether the model of the world holds: statistics of consistency, whose threshold each stands for a rate of false
+alarms, and which sensor contradicts the rest.
+
+A pose can fit its image perfectly and be wrong: where the image is mirrored, old or of another field, where the
+odometry has a wrong sign. Residuals do not show that. What shows it is whether images and odometry tell the same
+motion, whether the field explains what is seen better than chance, and whether camera.yaml explains the camera.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.estimator.bank import Bank, Image
+from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, ROTATION, Culprit, MotionRelation
+from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
+from touchline.localization.registration.kernels import Plan
+from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.motion import MotionHistory
+
+SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with which it begins to count
+CHANCE_EVERY = 3  # images in which the chance level is found once
+MIN_SHARE_NOW, MIN_SHARE_JUMPED = 0.6, 0.75  # of the newest few images; after a jump of the pose
+JUMP_M = 0.25
+MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
+USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
+MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
+MAX_ERROR_Z = 3.3  # standard deviations of its prior by which a camera error is believable
+OUTSIDE_M = 0.3  # beyond the carpet no robot stands
+REPEATED_S = 0.4  # time over which the same points may be seen, to the bit, while the wheels turn
+MIRRORED_M, MIRRORED_RAD = 0.4, 0.2  # near where a mirrored image would put the robot
+MIN_LAG_M, MIN_SPEED_M_S = 0.04, 0.3  # jump and speed from which a clock may have been set
+LAG_ASIDE_M, LAG_ASIDE_RATIO = 0.04, 0.15  # beside its own way
+PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are not Gaussian: 3.7 sigma are not enough
+CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by how much
+SETTLED = 0.7  # statistic below which a pose is one to come back to
+MAX_PROTECTED = 0.85  # statistic from which no bound can be given
+IN_PLACE_M, TURNED_RAD = 0.1, 0.3  # a turn in place that no odometry tells
+_NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
+_GOLDEN = 2.399963
+
+
+class Verdict(NamedTuple):
+    """Whether images, and the odometry, are trusted; the reason, empty where both are; how late images are stamped,
+    where that explains everything.
+    """
+
+    images: bool
+    odometry: bool
+    reason: str = ""
+    late_s: float | None = None
+
+
+class Jump(NamedTuple):
+    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away."""
+
+    predicted: Pose | None
+    elsewhere: bool
+
+
+ALL_WELL = Verdict(True, True)
+
+
+class Integrity:
+    """`verdict`; `statistics`: each as a share of its threshold, an alarm from 1 on; `confirmed`: whether the motion
+    has confirmed a pose that was not given; `lag_s`: by which images may be late since the pose jumped, else 0.
+    """
+
+    def __init__(self, registration: Registration, field: FieldModel) -> None:
+        self._registration = registration
+        self._reach_m = 0.5 * np.array([field.length, field.width]) + field.border + OUTSIDE_M
+        self._field = field
+        self._velocity: FloatArray = np.zeros(3)
+        self.motion = VisualMotion(registration)
+        self.relation = MotionRelation()
+        self.reset()
+
+    def reset(self, confirmed: bool = False) -> None:
+        """Nothing has been seen. confirmed: the pose was given."""
+        self.confirmed = confirmed
+        self.motion.reset()
+        self.relation.reset()
+        self.verdict, self.lag_s = ALL_WELL, 0.0
+        self._shares: list[float] = []
+        self._since_jump = SHARE_MEMORY  # images
+        self.lag_s = 0.0  # by which images may be stamped late since a jump
+        self._chance, self._since_chance = 0.0, CHANCE_EVERY
+        self._deficit = self._error_z = self._outside_m = 0.0
+        self._points, self._same_since_ns = b"", 0
+        self._repeated_s, self._way_at_m = 0.0, 0.0
+
+    @property
+    def share(self) -> float:
+        """Mean share of what the newest images showed that the pose explains."""
+        return sum(self._shares) / len(self._shares) if self._shares else 1.0
+
+    @property
+    def is_believed(self) -> bool:
+        """Whether a pose may be tracked."""
+        newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
+        least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
+        return self.verdict.images and self.confirmed and sum(newest) >= least * len(newest)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all has been well for some images: a pose to come back to."""
+        seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
+        return seen and max(self.statistics.values()) < SETTLED
+
+    @property
+    def reason(self) -> str:
+        """Why a pose may not be tracked."""
+        if self.verdict.reason or self.is_believed:
+            return self.verdict.reason
+        return "the pose explains too little of what is seen" if self.confirmed else "not yet confirmed by motion"
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Each as a share of its threshold."""
+        full = len(self._shares) >= MIN_IMAGES
+        return {
+            **self.relation.statistics,
+            "share": max((1.0 - self.share) / (1.0 - MIN_SHARE), self._deficit / MAX_DEFICIT) if full else 0.0,
+            "chance": (1.0 - (self.share - self._chance) / (1.0 - self._chance)) / (1.0 - MIN_ABOVE_CHANCE)
+            if full
+            else 0.0,
+            "camera": self._error_z / MAX_ERROR_Z,
+            "carpet": self._outside_m / OUTSIDE_M,
+            "repetition": self._repeated_s / REPEATED_S,
+        }
+
+    def protection(self, covariance: FloatArray) -> tuple[float, float] | None:
+        """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none can
+        be given. covariance (3, 3): of the pose.
+        """
+        worst = max(self.statistics.values())
+        if worst > MAX_PROTECTED or self.verdict.reason:
+            return None
+        wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
+        (xx, xy), (_, yy) = covariance[:2, :2].tolist()
+        major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+        x, y, turning = (self.lag_s * self._velocity).tolist()
+        position_m = wider * math.sqrt(major2) + PROTECTION_M + math.hypot(x, y)
+        return position_m, wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + abs(turning)
+
+    def excuse(self) -> None:
+        """What explains everything is corrected: begin anew."""
+        self.relation.reset()
+        self.verdict = ALL_WELL
+
+    def update(
+        self, stamp_ns: int, image: Image, bank: Bank, history: MotionHistory, late_s: float, jump: Jump
+    ) -> Verdict:
+        """Take an image that shows something, after the bank has. late_s: how late it is believed to be stamped."""
+        best = bank.best
+        if best is None or best.fit is None:
+            return self.verdict
+        last = self.motion.last
+        if last is not None and not last.begun:
+            self._velocity = self.motion.velocity
+        camera = Camera(
+            bank.knowing.errors, bank.knowing.error_covariance + bank.statistics.per_image, bank.trust.free_fit
+        )
+        sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3])
+        self.relation.update(sighting, history, late_s, jump.elsewhere)
+        self.confirmed = self.confirmed or self.relation.confirms or not len(history.odometry.samples)
+        self._take_share(image, bank, best.explained)
+        off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
+        self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
+        errors, prior = best.filter.errors, best.filter.initial.errors
+        self._error_z = (
+            float(np.max(np.abs(errors) / np.sqrt(np.maximum(np.diag(prior), 1e-12)))) if len(errors) else 0.0
+        )
+        at = np.abs(best.filter.pose.as_array()[:2])
+        self._outside_m = float(max(np.max(at - self._reach_m) + OUTSIDE_M, 0.0))
+        self._take_repetition(stamp_ns, image, last, history)
+        self._judge()
+        if self.lag_s and self.relation.refutes_lag(self.lag_s):
+            self.lag_s = 0.0
+        if jump.predicted is not None and self.verdict is ALL_WELL:
+            self._take_jump(best.filter.pose, jump.predicted)
+        return self.verdict
+
+    def _take_jump(self, pose: Pose, predicted: Pose) -> None:
+        """A pose that jumps to just where a mirrored or turned image would put it."""
+        off_m, turn = pose.distance_to(predicted), wrap_angle(pose.heading - predicted.heading)
+        x, y, heading = predicted
+        for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
+            near = pose.distance_to(at) < MIRRORED_M and abs(wrap_angle(pose.heading - at.heading)) < MIRRORED_RAD
+            if near and (off_m > 2.0 * MIRRORED_M or abs(turn) > 2.0 * MIRRORED_RAD):
+                self.verdict = Verdict(False, True, "images are mirrored: left and right are exchanged")
+                self.relation.suspect(MIRRORED, 0.0)
+                return
+        if off_m > MIN_LAG_M:
+            self._take_lag(pose, predicted)
+        if off_m < IN_PLACE_M and abs(turn) > TURNED_RAD:
+            self.verdict = Verdict(False, True, f"images are turned by {math.degrees(-turn):.0f}° against the wheels")
+            self.relation.suspect(ROTATION, -turn)
+
+    def _take_lag(self, pose: Pose, predicted: Pose) -> None:
+        """A pose that jumps along its own way: so it does when the camera's clock is set."""
+        velocity = self._velocity[:2]
+        speed, step = float(np.hypot(*velocity)), predicted.inverse().compose(pose)
+        if speed < MIN_SPEED_M_S:
+            return
+        along = (step.x * velocity[0] + step.y * velocity[1]) / speed
+        aside = abs(step.y * velocity[0] - step.x * velocity[1]) / speed
+        if aside < LAG_ASIDE_M + LAG_ASIDE_RATIO * abs(along) and abs(along) < LAGS_S[-1] * speed:
+            self.lag_s = -along / speed
+
+    def _take_share(self, image: Image, bank: Bank, explained: float) -> None:
+        self._shares = [*self._shares[-SHARE_MEMORY + 1 :], explained]
+        self._deficit = min(max(self._deficit + USUAL_SHARE - explained, 0.0), 1.1 * MAX_DEFICIT)
+        self._since_chance += 1
+        if self._since_chance < CHANCE_EVERY or len(image.seen.positions_m) < 10:
+            return
+        self._since_chance = 0
+        best = bank.best
+        assert best is not None
+        assert best.fit is not None
+        upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
+        turns = _GOLDEN * np.arange(len(upright))
+        cosine, sine = np.cos(turns), np.sin(turns)
+        x, y = upright.T
+        scattered = np.column_stack((cosine * x - sine * y, sine * x + cosine * y))
+        fit = self._registration.fit(scattered, image.seen.covariances_m2, best.fit.state[:3].copy(), _NO_STEPS)
+        self._chance += 0.3 * (min(fit.explained, 0.9) - self._chance)
+
+    def _take_repetition(self, stamp_ns: int, image: Image, last: Sighting | None, history: MotionHistory) -> None:
+        """Whether the same points are seen, to the bit, while the odometry moves."""
+        points = image.seen.positions_m.tobytes()
+        if points != self._points or last is None or not points:
+            self._points, self._same_since_ns, self._repeated_s = points, stamp_ns, 0.0
+            return
+        moved = history.between(self._same_since_ns, stamp_ns).pose
+        if math.hypot(moved.x, moved.y) + abs(moved.heading) > 0.02:
+            self._repeated_s = 1e-9 * (stamp_ns - self._same_since_ns)
+
+    def _judge(self) -> None:
+        """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
+        statistics = self.statistics
+        if max(statistics.values()) >= 1.0:
+            self._raise(statistics)
+        elif self.verdict.reason and self.relation.agrees:
+            self.verdict = ALL_WELL
+
+    def _raise(self, statistics: dict[str, float]) -> None:
+        images = {name: statistics[name] for name in ("share", "chance", "camera", "carpet")}
+        if statistics["repetition"] >= 1.0:
+            seconds = f"{self._repeated_s:.1f} s"
+            self.verdict = Verdict(False, True, f"the image has not changed for {seconds} while the wheels turned")
+        elif max(images.values()) >= 1.0:
+            reason = self._image_reason(max(images, key=lambda one: images[one]))
+            self.verdict = Verdict(False, self.verdict.odometry, reason)
+        elif not self.verdict.reason or (self.relation.is_explained and self.relation.contradicts):
+            explanation = self.relation.blame()
+            odometry = explanation.culprit is Culprit.ODOMETRY
+            self.verdict = Verdict(odometry, not odometry, explanation.text, self.relation.late_s)
+
+    def _image_reason(self, name: str) -> str:
+        reasons = {
+            "camera": "the camera differs from camera.yaml by more than that states",
+            "carpet": "the pose lies outside of the carpet",
+        }
+        off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
+        return reasons.get(name, f"{off}: clutter, another field, or camera.yaml")

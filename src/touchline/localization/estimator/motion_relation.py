@@ -1,0 +1,450 @@
+"""Whether images and odometry tell the same motion; if not, the one fault that would explain both.
+
+Over a window of some seconds each step of the robot is compared as the images alone tell it (`VisualMotion`) with what
+the odometry tells. Half the squared Mahalanobis distance of the two, bounded, is a step's cost. A few explanations (a
+wrong sign, another scale, turned or mirrored images, a lag) change the odometry's steps; one that saves far more cost
+than it costs by its freedom is named (a generalised likelihood ratio: Willsky and Jones 1976).
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.visual_motion import Sighting
+from touchline.motion import MotionHistory
+
+WINDOW = 32  # steps: three seconds
+STEP_S, MAX_STEP_S = 0.09, 0.5  # time between the images of a step
+STEP_M, STEP_RAD = 0.12, 0.12  # way or turn that makes one
+MAX_WAIT_S = 1.0  # for the odometry of a step
+SIGMA_M, SIGMA_RAD, SIGMA_RATIO, BEND_RAD_M = 0.02, 0.01, 0.06, 0.02  # by how much steps differ though all is well
+MAX_COST = 9.0  # of one step, as in a shove
+USUAL_COST = 0.75  # of a step, above which costs add up to an alarm
+MAX_SUM, MAX_MEAN, MAX_GAIN = 40.0, 2.0, 30.0  # of such costs; of the window's; of an explanation, from where it counts
+SUFFIXES = (6, 12, WINDOW)  # newest steps over which an explanation is tried: a fault begins within the window
+_STILL = 0.002  # largest step (m + rad) of an odometry that stands still
+MAX_LEFT = 1.0  # mean cost that a named explanation leaves
+LAGS_S = np.arange(-0.6, 0.601, 0.05)
+NAMED_GAIN = 8.0  # from which an explanation is named
+REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
+REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
+CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
+FREEDOM = 4.0  # cost of a parameter that is fitted
+CONFIRMING = 3  # steps that confirm a pose
+WORTH = 6.0  # cost of a window in which there is anything to explain
+AGREEING = 10  # newest steps that must agree after an alarm
+TELLING_M, TELLING_RAD = 0.3, 0.3  # way and turns from which steps that agree show that all is well
+
+
+class Culprit(StrEnum):
+    """What contradicts the rest."""
+
+    ODOMETRY = "odometry"
+    IMAGES = "images"
+    STAMPS = "stamps"
+
+
+class Explanation(NamedTuple):
+    """A fault that would explain what contradicts: whose, and the sentence of it."""
+
+    culprit: Culprit
+    text: str
+
+
+# multipliers of the odometry's (ahead, aside, turn) that make it what the images show
+SIGNS = {
+    (1, 1, -1): Explanation(Culprit.ODOMETRY, "odometry turns the wrong way: its theta has the wrong sign"),
+    (-1, 1, 1): Explanation(Culprit.ODOMETRY, "odometry drives backwards: its x has the wrong sign"),
+    (1, -1, 1): Explanation(Culprit.ODOMETRY, "odometry drives to the wrong side: its y has the wrong sign"),
+    (-1, -1, 1): Explanation(Culprit.ODOMETRY, "odometry drives the wrong way: its x and y have the wrong sign"),
+    (-1, -1, -1): Explanation(Culprit.ODOMETRY, "odometry moves the wrong way: x, y and theta have the wrong sign"),
+    (1, -1, -1): Explanation(Culprit.IMAGES, "images are mirrored: left and right are exchanged"),
+    (-1, 1, -1): Explanation(Culprit.IMAGES, "images are mirrored: ahead and behind are exchanged"),
+}
+_MULTIPLIERS = np.array(list(SIGNS), dtype=np.float64)
+SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, GYRO, FIRST_LAG = range(len(SIGNS), len(SIGNS) + 8)
+MIRRORED = list(SIGNS).index((1, -1, -1))
+_BY_IMAGES = np.array(
+    [one.culprit is Culprit.IMAGES for one in SIGNS.values()] + [False, False, True, False, False, True]
+)
+
+
+@njit(cache=True, error_model="numpy")
+def _cost(seen, told, weights, i):  # type: ignore[no-untyped-def]
+    """Half the squared Mahalanobis distance of step i from what is told (3,), bounded; NaN is no cost."""
+    x, y, turn = seen[i, 0] - told[0], seen[i, 1] - told[1], seen[i, 2] - told[2]
+    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+    w = weights[i]
+    half = 0.5 * (w[0, 0] * x * x + w[1, 1] * y * y + w[2, 2] * turn * turn)
+    half += w[0, 1] * x * y + w[0, 2] * x * turn + w[1, 2] * y * turn
+    return min(half, 9.0) if half == half else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
+    """The odometry's step (3,), in place, as explanation e with its parameter changes it, but for lags."""
+    fitted = e - signs.shape[0]
+    if fitted < 0:
+        step *= signs[e]
+    elif fitted == 0:
+        step[0] *= value
+        step[1] *= value
+    elif fitted == 1:
+        step[2] *= value
+    elif fitted == 2:
+        cosine, sine = math.cos(value), math.sin(value)
+        step[0], step[1] = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
+    elif fitted == 3:
+        step[2] += value
+    elif fitted == 4 and value < _STILL:
+        step[:] = seen  # odometry that stands still tells nothing
+    elif fitted == 5:
+        step[:] = 0.0
+    elif fitted == 6:
+        step[2] = gyro
+
+
+@njit(cache=True, error_model="numpy")
+def _parameters(seen, told, count):  # type: ignore[no-untyped-def]
+    """(count,) of the explanations after the signs, over some steps."""
+    dot = cross = square = turns = turned2 = moved = 0.0
+    for i in range(seen.shape[0]):
+        dot += seen[i, 0] * told[i, 0] + seen[i, 1] * told[i, 1]
+        cross += told[i, 0] * seen[i, 1] - told[i, 1] * seen[i, 0]
+        square += told[i, 0] ** 2 + told[i, 1] ** 2
+        turns += seen[i, 2] * told[i, 2]
+        turned2 += told[i, 2] ** 2
+        moved = max(moved, abs(told[i, 0]) + abs(told[i, 1]) + abs(told[i, 2]))
+    values = np.zeros(count)
+    values[0] = min(max(dot / max(square, 1e-9), 0.0), 3.0)
+    values[1] = min(max(turns / max(turned2, 1e-9), 0.0), 3.0)
+    values[2] = math.atan2(cross, dot)
+    values[3] = np.median(seen[:, 2] - told[:, 2])
+    values[4] = moved
+    return values
+
+
+@njit(cache=True, error_model="numpy")
+def saved(steps, signs, e, value, first):  # type: ignore[no-untyped-def]
+    """By how much an explanation lowers the cost of the steps from the first on."""
+    total, step, lag = 0.0, np.zeros(3), e - signs.shape[0] - 7
+    for i in range(first, steps.seen.shape[0]):
+        if lag >= 0:
+            step[:] = steps.lagged[lag, i]
+        else:
+            step[:] = steps.told[i]
+            _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
+        if step[0] == step[0] and step[2] == step[2]:
+            total += steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
+    """(E,) by how much each explanation lowers the cost of the newest steps, most of all suffixes; its parameter (E,);
+    and the mean cost that it leaves (E,). steps: `_Steps`.
+    """
+    count, others = steps.seen.shape[0], 7 + steps.lagged.shape[0]
+    gains = np.full(signs.shape[0] + others, -1e9)
+    values, left = np.zeros(len(gains)), np.zeros(len(gains))
+    for s in range(suffixes.shape[0]):
+        first = max(count - suffixes[s], 0)
+        if count - first < 3:
+            continue
+        fitted = _parameters(steps.seen[first:], steps.told[first:], others)
+        every = steps.costs[first:].sum()
+        for e in range(len(gains)):
+            value = fitted[e - signs.shape[0]] if e >= signs.shape[0] else 0.0
+            total = saved(steps, signs, e, value, first)
+            if total > gains[e]:
+                gains[e], values[e], left[e] = total, value, (every - total) / (count - first)
+    return gains, values, left
+
+
+class _Steps(NamedTuple):
+    """N steps, robot frame before each: seen, told (N, 3); inverse covariances (N, 3, 3) of their differences; turns by
+    the gyro (N,), NaN where it tells none; lagged (L, N, 3): told of other times, NaN where not known yet; costs (N,).
+    """
+
+    seen: FloatArray
+    told: FloatArray
+    weights: FloatArray
+    gyro: FloatArray
+    lagged: FloatArray
+    costs: FloatArray
+
+
+class MotionRelation:
+    """Costs of the newest steps. `mean`, `sum`: of their costs, the sum above what is usual."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """No step is known."""
+        self._last: Sighting | None = None
+        self._since_alarm = 0  # steps since the newest alarm
+        self._unbroken = 0  # steps since the chain of images began
+        self._spans_ns: list[tuple[int, int]] = []
+        self._pending: list[tuple[Sighting, Sighting]] = []
+        self._steps = _Steps(
+            np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0), np.zeros((len(LAGS_S), 0, 3)),
+            np.zeros(0),
+        )  # fmt: skip
+        self.sum = 0.0
+        self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
+        self._delay_loss = 0.0  # of late, by a delay that is corrected
+        self._alarmed: tuple[int, float] | None = None  # explanation and parameter
+
+    @property
+    def mean(self) -> float:
+        """Of the window."""
+        count = len(self._steps.costs)
+        return float(self._steps.costs.sum()) / max(count, WINDOW // 2)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the newest steps agree, and would not if the fault of the alarm were there still."""
+        newest = self._steps.costs[-AGREEING:]
+        if self._since_alarm < AGREEING or float(newest.mean()) >= USUAL_COST or not self._is_telling:
+            return False
+        if self._alarmed is None:
+            return True
+        first = max(len(self._steps.costs) - self._since_alarm, 0)
+        return float(saved(self._steps, _MULTIPLIERS, *self._alarmed, first)) < -REFUTED
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of the alarm's three criteria, as a share of their thresholds."""
+        return {
+            "motion": self.mean / MAX_MEAN,
+            "motion of late": self.sum / MAX_SUM,
+            "explanation": max(self.gain, 0.0) / MAX_GAIN,
+        }
+
+    @property
+    def _is_telling(self) -> bool:
+        newest = np.abs(self._steps.told[-AGREEING:])
+        return float(newest[:, :2].sum()) > TELLING_M or float(newest[:, 2].sum()) > TELLING_RAD
+
+    @property
+    def confirms(self) -> bool:
+        """Whether a few steps agree, over which the robot has moved enough to tell."""
+        newest = self._steps.costs[-SUFFIXES[0] :]
+        return len(newest) >= CONFIRMING and float(newest.mean()) < USUAL_COST and self._is_telling
+
+    def update(self, sighting: Sighting, history: MotionHistory, late_s: float, jumped: bool) -> None:
+        """Take a pose by an image. late_s: how late it is believed to be stamped; jumped: not from where it was."""
+        last = self._last
+        if jumped:
+            self._unbroken = 0
+        if last is None or sighting.begun:
+            self._last = sighting
+            return
+        if _is_step(last, sighting, history):
+            self._last = sighting
+            self._pending.append((last, sighting))
+        samples = history.odometry.samples
+        while self._pending and len(samples) and samples.last_ns >= self._pending[0][1].stamp_ns:
+            begin, end = self._pending.pop(0)
+            if samples.first_ns <= begin.stamp_ns:
+                self._add(begin, end, history, late_s)
+        self._pending = [each for each in self._pending if sighting.stamp_ns - each[1].stamp_ns < 1e9 * MAX_WAIT_S]
+
+    def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float) -> None:
+        span_ns = (last.stamp_ns, sighting.stamp_ns)
+        seen, covariance = _seen_step(last, sighting)
+        told, gyro = _told(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
+        way, turn = math.hypot(told[0], told[1]), abs(told[2])
+        position2 = SIGMA_M**2 + (SIGMA_RATIO * way) ** 2
+        turn2 = SIGMA_RAD**2 + (SIGMA_RATIO * turn) ** 2 + (BEND_RAD_M * way) ** 2
+        weights = np.linalg.inv(covariance + np.diag([position2, position2, turn2]))
+        cost = raw = _cost(seen[None], told, weights[None], 0)
+        if late_s:
+            delayed = _cost(seen[None], _told(history, *span_ns, late_s), weights[None], 0)
+            cost = min(raw, delayed)
+            self._delay_loss = max(self._delay_loss + delayed - raw, 0.0)
+        self._unbroken += 1
+        self._since_alarm += 1
+        kept = slice(-WINDOW + 1, None)
+        s = self._steps
+        self._steps = _Steps(
+            np.concatenate((s.seen[kept], seen[None])),
+            np.concatenate((s.told[kept], told[None])),
+            np.concatenate((s.weights[kept], weights[None])),
+            np.append(s.gyro[kept], gyro),
+            np.ascontiguousarray(np.concatenate((s.lagged[:, kept], np.full((len(LAGS_S), 1, 3), np.nan)), axis=1)),
+            np.append(s.costs[kept], cost),
+        )
+        self._spans_ns = [*self._spans_ns[kept], span_ns]
+        seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
+        self.sum = min(max(self.sum + (cost - USUAL_COST) * min(seconds / 0.1, 2.0), 0.0), 1.1 * MAX_SUM)
+        self._explain(history)
+
+    def _fill_lags(self) -> None:
+        """The odometry's steps at other times, of the steps that are old enough to know all of them."""
+        for i, (begin_ns, end_ns) in enumerate(self._spans_ns):
+            if self._spans_ns[-1][1] - end_ns >= 1e9 * LAGS_S[-1] and np.isnan(self._steps.lagged[0, i, 0]):
+                self._steps.lagged[:, i] = _lagged(self._history, begin_ns, end_ns)
+
+    def _explain(self, history: MotionHistory) -> None:
+        """Try every explanation, if there is anything to explain."""
+        self.gain = 0.0
+        self._history = history
+        if self._steps.costs.sum() < WORTH:
+            return
+        self._fill_lags()
+        gains, values, left = gains_of(self._steps, _MULTIPLIERS, np.array(SUFFIXES))
+        gains[: len(SIGNS)] -= FREEDOM - 1.0
+        gains[len(SIGNS) :] -= FREEDOM
+        gains[FIRST_LAG:] -= 1.0
+        best = int(np.argmax(gains))
+        # images that are turned or mirrored of a sudden break the chain of poses; an odometry does not
+        ambiguous = best < len(_BY_IMAGES) and not _BY_IMAGES[best] and gains[: len(_BY_IMAGES)][_BY_IMAGES].max()
+        if self._unbroken < WINDOW and ambiguous and ambiguous > gains[best] - CLEARLY:
+            best = int(np.argmax(np.where(_BY_IMAGES, gains[: len(_BY_IMAGES)], -np.inf)))
+        self._best = best
+        self.gain, self.parameter, self._left = (float(each[best]) for each in (gains, values, left))
+
+    @property
+    def refutes_delay(self) -> bool:
+        """Whether the delay that is corrected explains less than none."""
+        return self._delay_loss > REFUTING_LOSS
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the very newest steps do."""
+        return float(self._steps.costs[-SUFFIXES[0] :].mean()) > USUAL_COST if len(self._steps.costs) else False
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether one explanation accounts for what contradicts."""
+        return self.gain > NAMED_GAIN and self._left < MAX_LEFT
+
+    def suspect(self, index: int, parameter: float) -> None:
+        """Take a fault to last until the motion refutes it."""
+        self._alarmed, self._since_alarm = (index, parameter), 0
+
+    def refutes_lag(self, late_s: float) -> bool:
+        """Whether the newest steps would not agree if images were stamped so late: the robot has changed its speed."""
+        index = FIRST_LAG + int(np.argmin(np.abs(LAGS_S - late_s)))
+        self._fill_lags()
+        return float(saved(self._steps, _MULTIPLIERS, index, 0.0, 0)) < -REFUTED
+
+    def blame(self) -> Explanation:
+        """What explains the contradiction, as far as anything does; until `agrees` it is taken to last."""
+        lasts = self.is_explained and (self._best <= ROTATION or self._best >= FIRST_LAG)
+        self._alarmed, self._since_alarm = (self._best, self.parameter) if lasts else None, 0
+        if not self.is_explained:
+            return self._unexplained()
+        if self._best < len(SIGNS):
+            return list(SIGNS.values())[self._best]
+        if self._best >= FIRST_LAG:
+            late_s = float(LAGS_S[self._best - FIRST_LAG])
+            when = "too late" if late_s > 0.0 else "too early"
+            return Explanation(Culprit.STAMPS, f"images are stamped {1e3 * abs(late_s):.0f} ms {when}")
+        return {
+            SCALE: Explanation(
+                Culprit.ODOMETRY, f"odometry tells {self._times_more} the way: wheels slip, or its scale"
+            ),
+            TURN_SCALE: Explanation(
+                Culprit.ODOMETRY, f"odometry tells {self._times_more} the turn: its scale is wrong"
+            ),
+            ROTATION: Explanation(
+                Culprit.IMAGES, f"images are turned by {math.degrees(self.parameter):.0f}° against the wheels"
+            ),
+            DRIFT: self._drifting(),
+            STILL_ODOMETRY: Explanation(Culprit.ODOMETRY, "odometry stands still while the images move"),
+            STILL_IMAGES: Explanation(Culprit.IMAGES, "the image has not changed while the wheels turned"),
+            GYRO: Explanation(Culprit.ODOMETRY, "odometry turns otherwise than images and gyro"),
+        }[self._best]
+
+    @property
+    def late_s(self) -> float | None:
+        """How late images are stamped, where that explains it."""
+        if self._best < FIRST_LAG or not self.is_explained:
+            return None
+        return float(LAGS_S[self._best - FIRST_LAG])
+
+    @property
+    def _times_more(self) -> str:
+        return f"{1.0 / max(self.parameter, 0.01):.2g} times" if self.parameter > 0.01 else "far more than"
+
+    def _gyro_agrees(self) -> tuple[float, float]:
+        """Mean differences (rad) of the gyro's turns from the images' and from the odometry's; infinite without."""
+        s = self._steps
+        known = ~np.isnan(s.gyro)
+        if known.sum() < 3:
+            return math.inf, math.inf
+        by_images = np.abs(np.sin(0.5 * (s.gyro - s.seen[:, 2])))[known].mean()
+        return float(by_images), float(np.abs(np.sin(0.5 * (s.gyro - s.told[:, 2])))[known].mean())
+
+    def _drifting(self) -> Explanation:
+        images, odometry = self._gyro_agrees()
+        if images < odometry:
+            return Explanation(Culprit.ODOMETRY, "odometry's heading drifts")
+        return Explanation(Culprit.IMAGES, "images turn while the robot does not")
+
+    def _unexplained(self) -> Explanation:
+        images, odometry = self._gyro_agrees()
+        if images < 0.5 * odometry and odometry > SIGMA_RAD:
+            return Explanation(Culprit.ODOMETRY, "odometry contradicts images and gyro")
+        return Explanation(Culprit.IMAGES, "images contradict odometry")
+
+
+def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool:
+    """Whether enough has happened between two images: of a slow robot short steps show nothing but noise."""
+    seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
+    if seconds < STEP_S or seconds >= MAX_STEP_S:
+        return seconds >= MAX_STEP_S
+    off = np.abs(sighting.pose - last.pose)
+    moved = history.odometry.between(last.stamp_ns, sighting.stamp_ns).pose
+    far_m, far_rad = max(off[0], off[1], math.hypot(moved.x, moved.y)), max(off[2], abs(moved.heading))
+    return bool(far_m >= STEP_M or far_rad >= STEP_RAD)
+
+
+def _told(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -> FloatArray:
+    """(3,) the odometry's step, robot frame before it."""
+    late_ns, samples = round(1e9 * late_s), history.odometry.samples
+    begin, end = Pose(*samples.at(start_ns - late_ns)), Pose(*samples.at(end_ns - late_ns))
+    step = begin.inverse().compose(end)
+    return np.array([step.x, step.y, wrap_angle(step.heading)])
+
+
+def _lagged(history: MotionHistory, start_ns: float, end_ns: float) -> FloatArray:
+    """(L, 3) the odometry's steps LAGS_S earlier; NaN where it does not reach so far."""
+    samples = history.odometry.samples
+    begins_ns, ends_ns = start_ns - 1e9 * LAGS_S, end_ns - 1e9 * LAGS_S
+    if not len(samples):
+        return np.full((len(LAGS_S), 3), np.nan)
+    begin, end = np.split(samples.at_all(np.concatenate((begins_ns, ends_ns))), 2)
+    cosine, sine = np.cos(begin[:, 2]), np.sin(begin[:, 2])
+    x, y, turn = (end - begin).T
+    steps: FloatArray = np.column_stack((cosine * x + sine * y, cosine * y - sine * x, turn))
+    steps[(begins_ns < samples.first_ns) | (ends_ns > samples.last_ns)] = np.nan
+    return steps
+
+
+def _gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
+    """The turn (rad) by the gyro; NaN where it tells none."""
+    samples = history.gyro.integral.samples
+    if not len(samples) or samples.first_ns > start_ns or samples.last_ns < end_ns - 100_000_000:
+        return math.nan
+    return samples.at(end_ns)[0] - samples.at(start_ns)[0]
+
+
+def _seen_step(last: Sighting, sighting: Sighting) -> tuple[FloatArray, FloatArray]:
+    """The step (3,) by two images, robot frame before it, and its covariance (3, 3)."""
+    cosine, sine = math.cos(last.pose[2]), math.sin(last.pose[2])
+    back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    step = back @ (sighting.pose - last.pose)
+    step[2] = wrap_angle(float(step[2]))
+    aside = np.array([step[1], -step[0], 0.0])
+    covariance = back @ (last.covariance + sighting.covariance) @ back.T
+    return step, covariance + last.covariance[2, 2] * np.outer(aside, aside)

@@ -1,0 +1,152 @@
+"""What the filter does about a contradiction: whichever sensor is to blame no longer counts.
+
+Odometry distrusted: vision alone, with the motion that the images tell. Images distrusted: the pose of before the
+fault, carried on by the odometry, until they are consistent again; then the pose that they show is taken at the end of
+the field that is nearer to it. Stamps distrusted: the delay that explains them is taken, or none is learned.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.bank import ALLOWED, Bank, Image
+from touchline.localization.estimator.field_end import EndMemory, FieldEnd
+from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.integrity import Integrity, Jump, Verdict
+from touchline.localization.estimator.stamp_delay import StampDelay
+from touchline.localization.registration.registration import Registration
+from touchline.motion import MotionHistory
+from touchline.motion.delayed import Delayed, delayed, moving
+
+KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one is taken: an alarm comes so late
+NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
+CLEARLY = 4.0  # squared Mahalanobis distance by which one end is nearer to the pose that was held
+MAX_HELD_S = 60.0  # for which a pose is carried: then it tells no end
+
+
+class Kept(NamedTuple):
+    """A pose that was tracked while all was well."""
+
+    stamp_ns: int
+    filter: Filter
+    end: EndMemory
+
+
+class Safeguard:
+    """`held`: the filter that counts in the place of the bank, while images are distrusted; else None."""
+
+    def __init__(self, registration: Registration, field: FieldModel) -> None:
+        self.integrity = Integrity(registration, field)
+        self.reset()
+
+    def reset(self, confirmed: bool = False) -> None:
+        """All is well. confirmed: the pose was given."""
+        self.integrity.reset(confirmed)
+        self._kept: deque[Kept] = deque(maxlen=8)
+        self.held: Filter | None = None
+        self._held_since_ns = 0
+
+    @property
+    def verdict(self) -> Verdict:
+        """On images and odometry."""
+        return self.integrity.verdict
+
+    def motion(self, history: MotionHistory, span_ns: tuple[int, int], late_s: float) -> Delayed:
+        """Since the last image: by the odometry, or, where that is distrusted, as the images told until then."""
+        if self.verdict.odometry:
+            return delayed(history, *span_ns, late_s)
+        return moving(self.integrity.motion.velocity, 1e-9 * (span_ns[1] - span_ns[0]), late_s)
+
+    def carry(self, moved: Delayed, seconds: float) -> None:
+        """The held pose by the same motion as the bank's."""
+        if self.held is not None:
+            self.held.predict(moved, seconds)
+
+    def update(
+        self,
+        stamp_ns: int,
+        image: Image,
+        bank: Bank,
+        end: FieldEnd,
+        history: MotionHistory,
+        delay: StampDelay,
+        jump: Jump,
+    ) -> tuple[str, ...]:
+        """Take an image after the bank has; the problem to report."""
+        before = self.verdict
+        verdict = self.integrity.update(stamp_ns, image, bank, history, delay.corrected_s, jump)
+        if verdict.late_s is not None and verdict.late_s > 0.0 and delay.take(verdict.late_s, NAMED_DELAY_DEVIATION_S):
+            bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
+            self.integrity.excuse()
+            return (f"{verdict.reason}: corrected",)
+        back = abs(self.integrity.lag_s + delay.corrected_s) < 2.0 * NAMED_DELAY_DEVIATION_S  # the clock was set back
+        if delay.corrected_s and (back or self.integrity.relation.refutes_delay):
+            delay.reset()
+            bank.take_delay(0.0, NAMED_DELAY_DEVIATION_S)
+            self.integrity.excuse()
+            return ()
+        if before.images and not verdict.images:
+            self._hold(stamp_ns, end, history, delay.corrected_s)
+        elif before.odometry and not verdict.odometry:
+            self._forget_odometry(bank)
+        elif verdict.images and self.held is not None:
+            self._release(stamp_ns, bank, end)
+            if delay.corrected_s:
+                bank.take_delay(delay.corrected_s, delay.deviation_s)
+        return (verdict.reason,) if verdict.reason else ()
+
+    def keep(self, stamp_ns: int, one: Filter, end: FieldEnd) -> None:
+        """Remember a pose that is tracked, every now and then."""
+        if not self.integrity.is_settled:
+            return
+        if not self._kept or stamp_ns - self._kept[-1].stamp_ns >= 1e9 * KEPT_EVERY_S:
+            self._kept.append(Kept(stamp_ns, one.loosened(np.zeros((3, 3))), end.memory))
+
+    def _hold(self, stamp_ns: int, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
+        """Go back to before the fault, as far as it is known when that was."""
+        if not self._kept:
+            return
+        old = [one for one in self._kept if stamp_ns - one.stamp_ns >= 1e9 * BACK_S]
+        kept = old[-1] if old else self._kept[0]
+        if stamp_ns - kept.stamp_ns < 5e9:
+            self.held = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
+            self._held_since_ns = stamp_ns
+            end.recall(kept.end)
+            self._kept.clear()
+
+    def _release(self, stamp_ns: int, bank: Bank, end: FieldEnd) -> None:
+        """Images are consistent again: at which end is the pose that they show?"""
+        held, best, self.held = self.held, bank.best, None
+        if held is None or best is None:
+            return
+        if stamp_ns - self._held_since_ns > 1e9 * MAX_HELD_S:
+            end.leave_open()
+            return
+        here, there = (_distance2(pose, held, best.filter) for pose in (best.filter.pose, best.filter.pose.mirrored()))
+        if end.symmetric and there < here:
+            bank.swap_ends()
+        if min(here, there) > ALLOWED or (end.symmetric and abs(here - there) < CLEARLY):
+            end.leave_open()
+        assert bank.best is not None
+        bank.reset(held.placed(bank.best.filter.pose, bank.best.filter.covariance))
+        bank.confirmed = True
+
+    def _forget_odometry(self, bank: Bank) -> None:
+        """What the fault has taught of scales, delay and camera."""
+        if self._kept:
+            before = self._kept[0].filter
+            for one in bank.members:
+                one.filter = before.placed(one.filter.pose, one.filter.covariance)
+
+
+def _distance2(pose: Pose, held: Filter, seen: Filter) -> float:
+    off: FloatArray = pose.as_array() - held.pose.as_array()
+    off[2] = wrap_angle(float(off[2]))
+    distance2 = float(off @ np.linalg.solve(held.covariance + seen.covariance, off))
+    return distance2 if math.isfinite(distance2) else math.inf

@@ -1,0 +1,110 @@
+"""How the robot moved by its images alone: each is registered near the one before, whatever the odometry says."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.geometry import FloatArray, wrap_angle
+from touchline.localization.estimator.bank import Image
+from touchline.localization.registration.joint import StatePrior
+from touchline.localization.registration.registration import UNSETTLED, Registration
+
+LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only images know
+MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
+MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
+FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
+LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
+SECTOR_RATIO = 2.0  # of the variance of a pose by a few things, each of which may be taken for another
+_ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
+
+
+class Sighting(NamedTuple):
+    """A pose (3,) by one image, field frame, and its covariance (3, 3); begun: whether it follows from none before."""
+
+    stamp_ns: int
+    pose: FloatArray
+    covariance: FloatArray
+    explained: float
+    log_likelihood: float
+    begun: bool
+
+
+class Camera(NamedTuple):
+    """Errors (K,) of the camera, and the covariance (K, K) of what those of one image differ by; all_round: whether it
+    shows so much of the field that an image fits nowhere else nearby.
+    """
+
+    errors: FloatArray
+    covariance: FloatArray
+    all_round: bool
+
+
+class VisualMotion:
+    """`last`: the newest sighting."""
+
+    def __init__(self, registration: Registration) -> None:
+        self._registration = registration
+        self.reset()
+
+    def reset(self) -> None:
+        """No image was seen."""
+        self.last: Sighting | None = None
+        self._velocity: FloatArray = np.zeros(3)
+
+    @property
+    def velocity(self) -> FloatArray:
+        """(3,) of late, robot frame (m/s, m/s, rad/s)."""
+        heading = 0.0 if self.last is None else float(self.last.pose[2])
+        x, y, turn = self._velocity.tolist()
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return np.array([cosine * x + sine * y, cosine * y - sine * x, turn])
+
+    def update(self, stamp_ns: int, image: Image, camera: Camera, found: FloatArray) -> Sighting:
+        """Take an image. found (3,): pose at which the system has it, where the chain begins, or begins anew."""
+        last = self.last
+        begun = last is None or stamp_ns - last.stamp_ns > 1e9 * MAX_GAP_S
+        if last is None or begun:
+            best = self._registered(stamp_ns, image, camera, found)._replace(begun=True)
+        else:
+            seconds = 1e-9 * (stamp_ns - last.stamp_ns)
+            best = self._registered(stamp_ns, image, camera, last.pose + seconds * self._velocity)
+            if best.explained < MIN_EXPLAINED or not camera.all_round:
+                still = self._registered(stamp_ns, image, camera, last.pose)
+                best = max(best, still, key=lambda one: one.log_likelihood)
+                other = self._registered(stamp_ns, image, camera, found)
+                if other.log_likelihood > best.log_likelihood + (LOST if camera.all_round else 0.0):
+                    best = other._replace(begun=is_far(other.pose, last.pose))
+            if seconds > 0.0 and not best.begun:
+                self._velocity = difference(best.pose, last.pose) / seconds
+        if best.begun:
+            self._velocity = np.zeros(3)
+        self.last = best
+        return best
+
+    def _registered(self, stamp_ns: int, image: Image, camera: Camera, start: FloatArray) -> Sighting:
+        state = np.concatenate((start, camera.errors))
+        information = np.zeros((len(state), len(state)))
+        information[:3, :3] = _ANY
+        information[3:, 3:] = np.linalg.inv(camera.covariance + 1e-12 * np.eye(len(state) - 3))
+        joint = self._registration.fit_state(
+            image.seen, state, StatePrior(state, information), UNSETTLED, image.response
+        )
+        covariance = np.linalg.inv(joint.information + information)[:3, :3]
+        covariance *= 1.0 if camera.all_round else SECTOR_RATIO
+        return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
+
+
+def is_far(one: FloatArray, other: FloatArray) -> bool:
+    """Whether no robot moves so from one image to the next."""
+    x, y, turn = difference(one, other).tolist()
+    return math.hypot(x, y) > FAR_M or abs(turn) > FAR_RAD
+
+
+def difference(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(3,) of two poses, the angle wrapped."""
+    off: FloatArray = one - other
+    off[2] = wrap_angle(float(off[2]))
+    return off

@@ -1,0 +1,165 @@
+"""The monitor of consistency: silent while all is well, it names the sensor that contradicts and holds the pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from touchline.experiments.drives import Drive, driven, track_of
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.motion_relation import WINDOW, Culprit, MotionRelation
+from touchline.localization.estimator.visual_motion import Sighting
+from touchline.motion import MotionHistory
+from touchline.systems import open_system
+from touchline.types import Estimate, Frame, LinePoints, Observation, Samples, Status
+
+FROM_S = 6.0
+Change = Callable[[Frame, Frame], Frame]  # of a frame and the one at which the fault begins
+
+
+def match() -> Drive:
+    return driven("match", 1, 14.0)
+
+
+def estimates_of(drive: Drive, change: Change | None = None) -> list[Estimate]:
+    """Of `touchline` on a drive whose frames are changed from FROM_S on."""
+    system = open_system("touchline", drive.setup)
+    first = next(frame for frame in drive.frames if frame.stamp_ns >= 1e9 * FROM_S)
+    frames = [f if change is None or f.stamp_ns < first.stamp_ns else change(f, first) for f in drive.frames]
+    return [system.step(frame) for frame in frames]
+
+
+def placed(frame: Frame, by: FloatArray) -> Frame:
+    """A frame whose points are multiplied by a matrix (2, 2)."""
+    assert frame.observation is not None
+    p = frame.observation.points
+    points = LinePoints(p.positions_m @ by.T, by @ p.covariances_m2 @ by.T, p.confidences, p.pixels)
+    return replace(frame, observation=Observation(frame.stamp_ns, points))
+
+
+def mirrored(frame: Frame, first: Frame) -> Frame:
+    return placed(frame, np.diag([1.0, -1.0]))
+
+
+def longer(frame: Frame, first: Frame) -> Frame:
+    return placed(frame, 1.1 * np.eye(2))
+
+
+def repeated(frame: Frame, first: Frame) -> Frame:
+    assert first.observation is not None
+    return replace(frame, observation=Observation(frame.stamp_ns, first.observation.points))
+
+
+def turned_wrongly(drive: Drive) -> Drive:
+    """Odometry whose turns have the wrong sign from FROM_S on, and whose steps ahead and aside are right."""
+    last = told = Pose(0.0, 0.0, 0.0)
+    frames = []
+    for frame in drive.frames:
+        assert frame.odometry is not None
+        rows = []
+        for stamp_ns, row in zip(frame.odometry.stamp_ns, frame.odometry.values.tolist(), strict=True):
+            x, y, turn = last.inverse().compose(Pose(*row))
+            told = told.compose(Pose(x, y, -turn if stamp_ns > 1e9 * FROM_S else turn))
+            last = Pose(*row)
+            rows.append(told)
+        frames.append(replace(frame, odometry=Samples(frame.odometry.stamp_ns, np.array(rows))))
+    return replace(drive, frames=frames)
+
+
+def test_nothing_is_said_while_all_is_well() -> None:
+    drive = match()
+    estimates = estimates_of(drive)
+    assert not any(estimate.problems for estimate in estimates[10:])
+    assert all(max(estimate.statistics.values()) < 1.0 for estimate in estimates)
+    track = track_of(drive, estimates)
+    bounds = np.array([math.inf if one.protection_m is None else one.protection_m for one in estimates])
+    tracked = np.isfinite(bounds)
+    assert tracked[10:].mean() > 0.95
+    assert (track.distances_m <= bounds)[tracked].all()
+    assert np.median(bounds[tracked]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (mirrored, "images are mirrored"),
+        (repeated, "the image has not changed"),
+        (longer, "lies on no line of msl-18x12"),
+    ],
+)
+def test_a_fault_of_the_images_is_named_and_the_pose_is_held(change: Change, said: str) -> None:
+    drive = match()
+    estimates = estimates_of(drive, change)
+    track = track_of(drive, estimates)
+    assert track.wrong.sum() <= 5  # of 80 frames with the fault
+    texts = [text for estimate in estimates for text in estimate.problems if "undecided" not in text]
+    assert any(said in text for text in texts), set(texts)
+    late = [one for one, time_s in zip(estimates, drive.times_s, strict=True) if time_s > FROM_S + 2.0]
+    assert all(one.protection_m is None for one in late if one.status is not Status.TRACKING)
+    assert np.mean([one.status is Status.SEARCHING for one in late]) > 0.9
+
+
+def test_odometry_that_turns_the_wrong_way_is_named_and_no_longer_counts() -> None:
+    drive = turned_wrongly(match())
+    estimates = estimates_of(drive)
+    track = track_of(drive, estimates)
+    assert track.wrong.sum() <= 1
+    assert track.tracking[drive.times_s > FROM_S].mean() > 0.95  # by vision alone
+    assert any("odometry" in text for estimate in estimates for text in estimate.problems)
+    assert np.median(track.distances_m[drive.times_s > FROM_S + 2.0]) < 0.03
+
+
+def test_a_pose_that_was_not_given_is_confirmed_by_motion() -> None:
+    drive = match()
+    still = replace(drive.frames[0], odometry=drive.frames[0].odometry)
+    system = open_system("touchline", drive.setup)
+    assert system.step(still).reason == "not yet confirmed by motion"
+    system.reset(Pose(*drive.truth[0].tolist()))
+    assert system.step(still).status is Status.TRACKING
+
+
+def related(change: Callable[[Pose], Pose], steps: int = WINDOW) -> MotionRelation:
+    """The relation of a robot that drives in curves, whose odometry tells its steps otherwise."""
+    history, relation = MotionHistory(), MotionRelation()
+    pose, told = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
+    for k in range(steps):
+        stamp_ns = 100_000_000 * (k + 1)
+        history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([told]))))
+        sighting = Sighting(stamp_ns, pose.as_array(), 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0)
+        relation.update(sighting, history, 0.0, jumped=False)
+        step = Pose(0.2, 0.1 * math.sin(0.3 * k), 0.2 * math.sin(0.2 * k))
+        pose, told = pose.compose(step), told.compose(change(step))
+    return relation
+
+
+@pytest.mark.parametrize(
+    ("change", "culprit", "said"),
+    [
+        (lambda step: Pose(step.x, step.y, -step.heading), Culprit.ODOMETRY, "its theta has the wrong sign"),
+        (lambda step: Pose(-step.x, step.y, step.heading), Culprit.ODOMETRY, "its x has the wrong sign"),
+        (lambda step: Pose(step.x, -step.y, -step.heading), Culprit.IMAGES, "mirrored"),
+        (lambda step: Pose(1.4 * step.x, 1.4 * step.y, step.heading), Culprit.ODOMETRY, "1.4 times the way"),
+        (lambda step: Pose(0.0, 0.0, 0.0), Culprit.ODOMETRY, "stands still"),
+        (
+            lambda step: Pose(0.94 * step.x + 0.34 * step.y, 0.94 * step.y - 0.34 * step.x, step.heading),
+            Culprit.IMAGES,
+            "turned by 20°",
+        ),
+    ],
+)
+def test_what_contradicts_is_named(change: Callable[[Pose], Pose], culprit: Culprit, said: str) -> None:
+    relation = related(change)
+    assert max(relation.statistics.values()) >= 1.0
+    explanation = relation.blame()
+    assert explanation.culprit is culprit
+    assert said in explanation.text
+
+
+def test_steps_that_agree_raise_no_alarm() -> None:
+    relation = related(lambda step: step)
+    assert max(relation.statistics.values()) < 0.1
+    assert relation.confirms
