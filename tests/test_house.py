@@ -253,7 +253,18 @@ def test_our_own_step_is_fifteen_lines_each_step_announced() -> None:
     lines = steps_of((PACKAGE / "systems" / "touchline.py").read_text(encoding="utf-8"))
     assert len(lines) <= MAX_STEP_LINES
     comments = [comment for _, comment in lines if comment]
-    words = ("predict", "measure", "observe", "register", "search", "fuse", "which end", "contradict", "tracked", "late")
+    words = (
+        "predict",
+        "measure",
+        "observe",
+        "register",
+        "search",
+        "fuse",
+        "which end",
+        "contradict",
+        "tracked",
+        "late",
+    )
     assert [word for word, comment in zip(words, comments, strict=True) if word not in comment] == []
     silent = "".join(" " if comment else "." for _, comment in lines)
     assert max(map(len, silent.split())) <= 3, "lines that belong to the comment before them"
