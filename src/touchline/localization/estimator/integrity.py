@@ -17,7 +17,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
-from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, ROTATION, Culprit, MotionRelation
+from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, ROTATION, STEP_S, Culprit, MotionRelation
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
@@ -86,6 +86,7 @@ class Integrity:
         self.motion.reset()
         self.relation.reset()
         self.verdict, self.lag_s = ALL_WELL, 0.0
+        self.statistics: dict[str, float] = {}
         self._shares: list[float] = []
         self._since_jump = SHARE_MEMORY  # images
         self.lag_s = 0.0  # by which images may be stamped late since a jump
@@ -110,7 +111,7 @@ class Integrity:
     def is_settled(self) -> bool:
         """Whether all has been well for some images: a pose to come back to."""
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
-        return seen and max(self.statistics.values()) < SETTLED
+        return seen and max(self.statistics.values(), default=0.0) < SETTLED
 
     @property
     def reason(self) -> str:
@@ -119,9 +120,8 @@ class Integrity:
             return self.verdict.reason
         return "the pose explains too little of what is seen" if self.confirmed else "not yet confirmed by motion"
 
-    @property
-    def statistics(self) -> dict[str, float]:
-        """Each as a share of its threshold."""
+    def _measured(self) -> dict[str, float]:
+        """Each statistic as a share of its threshold."""
         full = len(self._shares) >= MIN_IMAGES
         return {
             **self.relation.statistics,
@@ -138,7 +138,7 @@ class Integrity:
         """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none can
         be given. covariance (3, 3): of the pose.
         """
-        worst = max(self.statistics.values())
+        worst = max(self.statistics.values(), default=0.0)
         if worst > MAX_PROTECTED or self.verdict.reason:
             return None
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
@@ -166,8 +166,9 @@ class Integrity:
         camera = Camera(
             bank.knowing.errors, bank.knowing.error_covariance + bank.statistics.per_image, bank.trust.free_fit
         )
-        sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3])
-        self.relation.update(sighting, history, late_s, jump.elsewhere)
+        if last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S:
+            sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3])
+            self.relation.update(sighting, history, late_s, jump.elsewhere)
         self.confirmed = self.confirmed or self.relation.confirms or not len(history.odometry.samples)
         self._take_share(image, bank, best.explained)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
@@ -243,7 +244,7 @@ class Integrity:
 
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
-        statistics = self.statistics
+        statistics = self.statistics = self._measured()
         if max(statistics.values()) >= 1.0:
             self._raise(statistics)
         elif self.verdict.reason and self.relation.agrees:

@@ -17,6 +17,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.visual_motion import Sighting
+from touchline.matrices import inverse, times
 from touchline.motion import MotionHistory
 
 WINDOW = 32  # steps: three seconds
@@ -37,7 +38,7 @@ REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which i
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
 CONFIRMING = 3  # steps that confirm a pose
-WORTH = 6.0  # cost of a window in which there is anything to explain
+WORTH = 15.0  # cost of a window in which there is anything to explain
 AGREEING = 10  # newest steps that must agree after an alarm
 TELLING_M, TELLING_RAD = 0.3, 0.3  # way and turns from which steps that agree show that all is well
 
@@ -136,7 +137,7 @@ def saved(steps, signs, e, value, first):  # type: ignore[no-untyped-def]
     total, step, lag = 0.0, np.zeros(3), e - signs.shape[0] - 7
     for i in range(first, steps.seen.shape[0]):
         if lag >= 0:
-            step[:] = steps.lagged[lag, i]
+            step[:] = steps.lagged[i, lag]
         else:
             step[:] = steps.told[i]
             _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
@@ -150,7 +151,7 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
     """(E,) by how much each explanation lowers the cost of the newest steps, most of all suffixes; its parameter (E,);
     and the mean cost that it leaves (E,). steps: `_Steps`.
     """
-    count, others = steps.seen.shape[0], 7 + steps.lagged.shape[0]
+    count, others = steps.seen.shape[0], 7 + steps.lagged.shape[1]
     gains = np.full(signs.shape[0] + others, -1e9)
     values, left = np.zeros(len(gains)), np.zeros(len(gains))
     for s in range(suffixes.shape[0]):
@@ -169,7 +170,7 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
 
 class _Steps(NamedTuple):
     """N steps, robot frame before each: seen, told (N, 3); inverse covariances (N, 3, 3) of their differences; turns by
-    the gyro (N,), NaN where it tells none; lagged (L, N, 3): told of other times, NaN where not known yet; costs (N,).
+    the gyro (N,), NaN where it tells none; lagged (N, L, 3): told of other times, NaN where not known yet; costs (N,).
     """
 
     seen: FloatArray
@@ -178,6 +179,40 @@ class _Steps(NamedTuple):
     gyro: FloatArray
     lagged: FloatArray
     costs: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def _compared(last, last_covariance, pose, covariance, told):  # type: ignore[no-untyped-def]
+    """The step (3,) by two images, robot frame before it, and the inverse covariance (3, 3) of its difference from what
+    the odometry tells (3,).
+    """
+    cosine, sine = math.cos(last[2]), math.sin(last[2])
+    back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    step = pose - last
+    x, y = step[0], step[1]
+    step[0], step[1] = cosine * x + sine * y, cosine * y - sine * x
+    step[2] -= 2.0 * math.pi * math.floor(step[2] / (2.0 * math.pi) + 0.5)
+    spread = times(times(back, last_covariance + covariance), back.T)
+    aside = np.array([step[1], -step[0], 0.0])
+    for a in range(3):
+        for b in range(3):
+            spread[a, b] += last_covariance[2, 2] * aside[a] * aside[b]
+    way2, turn = told[0] * told[0] + told[1] * told[1], told[2]
+    spread[0, 0] += SIGMA_M**2 + SIGMA_RATIO**2 * way2
+    spread[1, 1] += SIGMA_M**2 + SIGMA_RATIO**2 * way2
+    spread[2, 2] += SIGMA_RAD**2 + (SIGMA_RATIO * turn) ** 2 + BEND_RAD_M**2 * way2
+    return step, inverse(spread)
+
+
+@njit(cache=True, error_model="numpy")
+def _push(steps, seen, told, weights, gyro, cost):  # type: ignore[no-untyped-def]
+    """Add a step behind all others, in place; the first is forgotten."""
+    for i in range(steps.costs.shape[0] - 1):
+        steps.seen[i], steps.told[i], steps.weights[i] = steps.seen[i + 1], steps.told[i + 1], steps.weights[i + 1]
+        steps.gyro[i], steps.lagged[i], steps.costs[i] = steps.gyro[i + 1], steps.lagged[i + 1], steps.costs[i + 1]
+    steps.seen[-1], steps.told[-1], steps.weights[-1] = seen, told, weights
+    steps.gyro[-1], steps.costs[-1] = gyro, cost
+    steps.lagged[-1] = np.nan
 
 
 class MotionRelation:
@@ -193,9 +228,9 @@ class MotionRelation:
         self._unbroken = 0  # steps since the chain of images began
         self._spans_ns: list[tuple[int, int]] = []
         self._pending: list[tuple[Sighting, Sighting]] = []
-        self._steps = _Steps(
-            np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0), np.zeros((len(LAGS_S), 0, 3)),
-            np.zeros(0),
+        self._every = _Steps(
+            np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3, 3)), np.zeros(WINDOW),
+            np.full((WINDOW, len(LAGS_S), 3), np.nan), np.zeros(WINDOW),
         )  # fmt: skip
         self.sum = 0.0
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
@@ -203,10 +238,15 @@ class MotionRelation:
         self._alarmed: tuple[int, float] | None = None  # explanation and parameter
 
     @property
+    def _steps(self) -> _Steps:
+        """Those that are known."""
+        first = WINDOW - len(self._spans_ns)
+        return self._every if first == 0 else _Steps(*(each[first:] for each in self._every))
+
+    @property
     def mean(self) -> float:
         """Of the window."""
-        count = len(self._steps.costs)
-        return float(self._steps.costs.sum()) / max(count, WINDOW // 2)
+        return float(self._every.costs.sum()) / max(len(self._spans_ns), WINDOW // 2)
 
     @property
     def agrees(self) -> bool:
@@ -259,12 +299,8 @@ class MotionRelation:
 
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float) -> None:
         span_ns = (last.stamp_ns, sighting.stamp_ns)
-        seen, covariance = _seen_step(last, sighting)
         told, gyro = _told(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
-        way, turn = math.hypot(told[0], told[1]), abs(told[2])
-        position2 = SIGMA_M**2 + (SIGMA_RATIO * way) ** 2
-        turn2 = SIGMA_RAD**2 + (SIGMA_RATIO * turn) ** 2 + (BEND_RAD_M * way) ** 2
-        weights = np.linalg.inv(covariance + np.diag([position2, position2, turn2]))
+        seen, weights = _compared(last.pose, last.covariance, sighting.pose, sighting.covariance, told)
         cost = raw = _cost(seen[None], told, weights[None], 0)
         if late_s:
             delayed = _cost(seen[None], _told(history, *span_ns, late_s), weights[None], 0)
@@ -272,16 +308,8 @@ class MotionRelation:
             self._delay_loss = max(self._delay_loss + delayed - raw, 0.0)
         self._unbroken += 1
         self._since_alarm += 1
+        _push(self._every, seen, told, weights, gyro, cost)
         kept = slice(-WINDOW + 1, None)
-        s = self._steps
-        self._steps = _Steps(
-            np.concatenate((s.seen[kept], seen[None])),
-            np.concatenate((s.told[kept], told[None])),
-            np.concatenate((s.weights[kept], weights[None])),
-            np.append(s.gyro[kept], gyro),
-            np.ascontiguousarray(np.concatenate((s.lagged[:, kept], np.full((len(LAGS_S), 1, 3), np.nan)), axis=1)),
-            np.append(s.costs[kept], cost),
-        )
         self._spans_ns = [*self._spans_ns[kept], span_ns]
         seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
         self.sum = min(max(self.sum + (cost - USUAL_COST) * min(seconds / 0.1, 2.0), 0.0), 1.1 * MAX_SUM)
@@ -289,15 +317,16 @@ class MotionRelation:
 
     def _fill_lags(self) -> None:
         """The odometry's steps at other times, of the steps that are old enough to know all of them."""
+        steps = self._steps
         for i, (begin_ns, end_ns) in enumerate(self._spans_ns):
-            if self._spans_ns[-1][1] - end_ns >= 1e9 * LAGS_S[-1] and np.isnan(self._steps.lagged[0, i, 0]):
-                self._steps.lagged[:, i] = _lagged(self._history, begin_ns, end_ns)
+            if self._spans_ns[-1][1] - end_ns >= 1e9 * LAGS_S[-1] and math.isnan(steps.lagged[i, 0, 0]):
+                steps.lagged[i] = _lagged(self._history, begin_ns, end_ns)
 
     def _explain(self, history: MotionHistory) -> None:
         """Try every explanation, if there is anything to explain."""
         self.gain = 0.0
         self._history = history
-        if self._steps.costs.sum() < WORTH:
+        if self._every.costs.sum() < WORTH:
             return
         self._fill_lags()
         gains, values, left = gains_of(self._steps, _MULTIPLIERS, np.array(SUFFIXES))
@@ -403,10 +432,13 @@ def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool
     seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
     if seconds < STEP_S or seconds >= MAX_STEP_S:
         return seconds >= MAX_STEP_S
-    off = np.abs(sighting.pose - last.pose)
-    moved = history.odometry.between(last.stamp_ns, sighting.stamp_ns).pose
-    far_m, far_rad = max(off[0], off[1], math.hypot(moved.x, moved.y)), max(off[2], abs(moved.heading))
-    return bool(far_m >= STEP_M or far_rad >= STEP_RAD)
+    x, y, turn = (sighting.pose - last.pose).tolist()
+    if max(abs(x), abs(y)) >= STEP_M or abs(turn) >= STEP_RAD:
+        return True
+    if not len(history.odometry.samples):
+        return False
+    x, y, turn = _told(history, last.stamp_ns, sighting.stamp_ns, 0.0).tolist()
+    return math.hypot(x, y) >= STEP_M or abs(turn) >= STEP_RAD
 
 
 def _told(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -> FloatArray:
@@ -437,14 +469,3 @@ def _gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
     if not len(samples) or samples.first_ns > start_ns or samples.last_ns < end_ns - 100_000_000:
         return math.nan
     return samples.at(end_ns)[0] - samples.at(start_ns)[0]
-
-
-def _seen_step(last: Sighting, sighting: Sighting) -> tuple[FloatArray, FloatArray]:
-    """The step (3,) by two images, robot frame before it, and its covariance (3, 3)."""
-    cosine, sine = math.cos(last.pose[2]), math.sin(last.pose[2])
-    back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    step = back @ (sighting.pose - last.pose)
-    step[2] = wrap_angle(float(step[2]))
-    aside = np.array([step[1], -step[0], 0.0])
-    covariance = back @ (last.covariance + sighting.covariance) @ back.T
-    return step, covariance + last.covariance[2, 2] * np.outer(aside, aside)

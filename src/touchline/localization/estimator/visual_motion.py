@@ -10,7 +10,9 @@ import numpy as np
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.estimator.bank import Image
 from touchline.localization.registration.joint import StatePrior
-from touchline.localization.registration.registration import UNSETTLED, Registration
+from touchline.localization.registration.kernels import Plan
+from touchline.localization.registration.registration import FOLLOWING, UNSETTLED, Registration
+from touchline.matrices import inverse
 
 LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only images know
 MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
@@ -70,7 +72,7 @@ class VisualMotion:
             best = self._registered(stamp_ns, image, camera, found)._replace(begun=True)
         else:
             seconds = 1e-9 * (stamp_ns - last.stamp_ns)
-            best = self._registered(stamp_ns, image, camera, last.pose + seconds * self._velocity)
+            best = self._registered(stamp_ns, image, camera, last.pose + seconds * self._velocity, FOLLOWING)
             if best.explained < MIN_EXPLAINED or not camera.all_round:
                 still = self._registered(stamp_ns, image, camera, last.pose)
                 best = max(best, still, key=lambda one: one.log_likelihood)
@@ -84,15 +86,15 @@ class VisualMotion:
         self.last = best
         return best
 
-    def _registered(self, stamp_ns: int, image: Image, camera: Camera, start: FloatArray) -> Sighting:
+    def _registered(
+        self, stamp_ns: int, image: Image, camera: Camera, start: FloatArray, plan: Plan = UNSETTLED
+    ) -> Sighting:
         state = np.concatenate((start, camera.errors))
         information = np.zeros((len(state), len(state)))
         information[:3, :3] = _ANY
-        information[3:, 3:] = np.linalg.inv(camera.covariance + 1e-12 * np.eye(len(state) - 3))
-        joint = self._registration.fit_state(
-            image.seen, state, StatePrior(state, information), UNSETTLED, image.response
-        )
-        covariance = np.linalg.inv(joint.information + information)[:3, :3]
+        information[3:, 3:] = inverse(camera.covariance + 1e-12 * np.eye(len(state) - 3))
+        joint = self._registration.fit_state(image.seen, state, StatePrior(state, information), plan, image.response)
+        covariance = inverse(joint.information + information)[:3, :3]
         covariance *= 1.0 if camera.all_round else SECTOR_RATIO
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
 

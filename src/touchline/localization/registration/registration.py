@@ -40,6 +40,7 @@ TRACKING = _plan([*np.geomspace(0.4, 0.05, 6), 0.0, 0.0, 0.0, 0.0])
 SEARCHING = _plan([0.4, 0.3, 0.2, 0.15, 0.1])  # from a sample of a coarse grid, to distinguish likely ones
 FINISHING = _plan([0.15, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])  # from where those end
 SETTLED = _plan([0.1, 0.03, 0.0, 0.0])  # of pose and mirror errors that are nearly known
+FOLLOWING = _plan([0.25, 0.1, 0.03, 0.0, 0.0])  # from where the last image and its velocity put it
 UNSETTLED = _plan([0.25, 0.25, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # 0.3 degrees move a line 7 m off by so much
 SHAKEN = _plan([0.5, 0.5, 0.4, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # and in some images three times as far
 
