@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from line_scenes import lone_line, view
 
+from touchline.config import PAPER, load_settings
 from touchline.field import FieldModel, open_field
 from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
@@ -16,15 +17,12 @@ from touchline.localization.particles.particle_set import mean_and_covariance, n
 from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
 from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.particles import (
-    PAPER_FORM,
-    NubotParticlePaper,
-    NubotParticles,
-    NubotParticleSettings,
-)
+from touchline.localization.published.nubot.particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")
+# Equations (1) to (3) as they stand, and nothing but the drawing to come near.
+PAPER_FORM = load_settings(NubotParticleSettings, preset=PAPER)
 MATCHER = Matcher(FIELD.distance_map())
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 

@@ -84,6 +84,10 @@ class Pose(NamedTuple):
         """Distance of the positions (m)."""
         return math.hypot(self.x - other.x, self.y - other.y)
 
+    def is_near(self, other: Pose, reach_m: float, reach_rad: float) -> bool:
+        """Whether another pose is no farther away than this, and turned by no more."""
+        return self.distance_to(other) <= reach_m and abs(wrap_angle(self.heading - other.heading)) <= reach_rad
+
     def as_array(self) -> FloatArray:
         """x, y, heading as float64 (3,)."""
         return np.array(self, dtype=np.float64)

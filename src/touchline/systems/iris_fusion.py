@@ -40,6 +40,7 @@ from touchline.motion import (
     WheelSettings,
 )
 from touchline.motion.samples import NANOSECONDS
+from touchline.motion.start import StartSettings
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
@@ -80,7 +81,7 @@ class IrisPaper(Settings):
     )
 
 
-class IrisFusionSettings(Settings):
+class IrisFusionSettings(StartSettings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
     lines: HsvLineSettings = HsvLineSettings()
@@ -98,12 +99,6 @@ class IrisFusionSettings(Settings):
     fusion: SensorFusionSettings = SensorFusionSettings()
     restart: RestartSettings = RestartSettings()
     paper: IrisPaper = IrisPaper()
-    start_position_m: float = Field(
-        0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
-    )
-    start_heading_rad: float = Field(
-        0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
-    )
 
 
 class IrisFusion:
@@ -150,8 +145,7 @@ class IrisFusion:
         self.restart.reset()
         self.particles = IrisParticles(self.field, self.rng, s.particles)
         if prior.pose is not None:
-            deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
-            covariance = np.diag(deviations**2) if prior.covariance is None else prior.covariance
+            covariance = s.start_covariance if prior.covariance is None else prior.covariance
             self.fusion.place(prior.pose, covariance)
             self.particles.start_at(prior.pose, covariance)
             self.status = Status.TRACKING

@@ -12,8 +12,6 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
-from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import CameraErrors, placed_points
@@ -33,9 +31,7 @@ from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay
 from touchline.localization.estimator.watch import Ends, FieldWatch
 from touchline.localization.registration.covariance import ANYWHERE
-from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
-from touchline.localization.registration.features import Features
-from touchline.localization.registration.registration import Registration
+from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.seen import seen_of
 from touchline.localization.search.field_search import FieldSearch
 from touchline.localization.search.pose_search import Known, Mode, contradiction
@@ -43,6 +39,7 @@ from touchline.motion import CompassTrackSettings, LeanFilter, MotionHistory, Od
 from touchline.motion.delayed import until_stamp
 from touchline.motion.driven import Scales
 from touchline.motion.lean import LAG_S
+from touchline.motion.start import StartSettings
 from touchline.perception import detector_for, observe
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
@@ -50,13 +47,11 @@ from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Sta
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
-PLACE_M = 0.01  # error of a crossing's place on the field
-BEYOND_M = 1.0  # so far outside of the field a robot may stand
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
 YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
 
 
-class TouchlineSettings(Settings):
+class TouchlineSettings(StartSettings):
     """The few things that somebody would tune; all else are constants beside their use."""
 
     min_points: int = Field(
@@ -97,8 +92,6 @@ class TouchlineSettings(Settings):
     gate: float = Field(
         16.3, gt=0, description="squared Mahalanobis distance from the prediction from which the robot was shoved"
     )
-    start_position_m: float = Field(0.3, gt=0, description="standard deviation of x and y of a pose that is given (m)")
-    start_heading_rad: float = Field(0.15, gt=0, description="standard deviation of a heading that is given (rad)")
     self_calibration: bool = Field(
         True,
         description="learn from the lines what a camera differs by from its camera.yaml: a mirror's tilt, centre and "
@@ -106,11 +99,6 @@ class TouchlineSettings(Settings):
     )
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
-
-    @property
-    def start_covariance(self) -> FloatArray:
-        """(3, 3) of a pose that is given without one, (m, m, rad)."""
-        return np.diag(np.square([self.start_position_m, self.start_position_m, self.start_heading_rad]))
 
     def motion_history(self) -> MotionHistory:
         """The motion without the errors of its scales, which the filters find out."""
@@ -131,12 +119,9 @@ class Touchline:
         self.max_range_m = setup.max_range_m
         self.history = settings.motion_history()
         self.leaning, self.sway, self.delay, self.stuck = LeanFilter(), SwayDelay(), StampDelay(), StuckCompass()
-        self.places = FieldAssociations(field)
-        self.model = FeatureModel(self.places.tables, field_lines(field), polar=False)
-        self.registration = Registration(field.distance_map(), self.places.tables)
-        reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
-        search = FieldSearch(field, self.registration, self.model, reach_m)
-        self.watch = FieldWatch(search, settings.search_every)
+        self.field_search = FieldSearch(field)
+        self.model, self.registration = self.field_search.model, self.field_search.registration
+        self.watch = FieldWatch(self.field_search, settings.search_every)
         self.open_parts(camera_errors(setup.camera, setup.height_m))
         self.safeguard = Safeguard(self.registration, field)
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
@@ -146,7 +131,7 @@ class Touchline:
         """The parts that depend on the camera's errors."""
         s, walks = self.settings, self.setup.walks
         self.errors = errors
-        self.features = Features(self.places, None, errors.height_m, PLACE_M)
+        self.features = self.field_search.features_at(errors.height_m)
         more = STEPS_RATIO if walks else 1.0
         scales = Scales(*(more * scale for scale in s.odometry.scales))
         self.initial = InitialUncertainty(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from touchline.geometry import Pose, wrap_angle
+from touchline.geometry import Pose
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
 from touchline.localization.registration.feature_model import FeatureView
@@ -76,13 +76,10 @@ def at_one_end(modes: Sequence[Mode], followed: Sequence[Pose], aligned: bool) -
     aligned: nothing distinguishes them, and the heading of the likeliest decides.
     """
     kept: list[Mode] = []
-    for mode in sorted(modes, key=lambda one: -sum(_is_near(one.pose, pose) for pose in followed)):
-        if any(_is_near(mode.pose, one.pose) or _is_near(mode.pose.mirrored(), one.pose) for one in kept):
+    for mode in sorted(modes, key=lambda one: -sum(one.pose.is_near(pose, NEAR_M, NEAR_RAD) for pose in followed)):
+        ends = mode.pose, mode.pose.mirrored()
+        if any(end.is_near(one.pose, NEAR_M, NEAR_RAD) for one in kept for end in ends):
             continue
         turned = bool(followed) and math.cos(mode.pose.heading - followed[0].heading) < 0.0
         kept.append(mode.mirrored() if aligned and turned else mode)
     return tuple(kept)
-
-
-def _is_near(one: Pose, other: Pose) -> bool:
-    return one.distance_to(other) < NEAR_M and abs(wrap_angle(one.heading - other.heading)) < NEAR_RAD

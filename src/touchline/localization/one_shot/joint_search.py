@@ -14,23 +14,19 @@ import numpy as np
 
 from touchline.camera import Camera
 from touchline.field import FieldModel
-from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
-from touchline.localization.registration.feature_model import FeatureModel, best_place, field_lines
-from touchline.localization.registration.features import Features
+from touchline.localization.registration.feature_model import best_place
 from touchline.localization.registration.joint import StateFit, StatePrior
-from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.registration.registration import TRACKING
 from touchline.localization.registration.seen import seen_of
 from touchline.localization.search.feature_search import ANYWHERE, pose_of
 from touchline.localization.search.field_search import FieldSearch, Searched
 from touchline.localization.search.pose_search import Known
 from touchline.types import Observation
 
-PLACE_M = 0.01  # error of a crossing's place on the field
-BEYOND_M = 1.0  # so far outside of the field a robot may stand
 MIN_CONFIDENCE = 0.5  # of a feature that contradicts a pose
 MAX_CHI2 = (
     9.5  # of the camera's errors: the 95 % quantile with 4 degrees of freedom; right poses leave 3, wrong ones 11
@@ -55,13 +51,9 @@ class JointSearch:
 
     def __init__(self, field: FieldModel, observation: Observation, camera: Camera | None) -> None:
         """camera: None if it is unknown; with line points that of a mirror, else a perspective one."""
-        places = FieldAssociations(field)
+        self._search = search = FieldSearch(field)
         self.errors = camera_errors(camera, HEIGHT_M if camera is None and not len(observation.points) else None)
-        self._features = Features(places, None, self.errors.height_m, PLACE_M)
-        self._model = FeatureModel(places.tables, field_lines(field), polar=False)
-        self._registration = Registration(field.distance_map(), places.tables)
-        reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
-        self._search = FieldSearch(field, self._registration, self._model, reach_m)
+        self._features = search.features_at(self.errors.height_m)
         self._observation, self._response = observation, self.errors.response()
         self.seen = seen_of(observation, self._features, 1.0)
         variances = np.diag(self.errors.prior).copy()
@@ -92,7 +84,7 @@ class JointSearch:
     def _fit(self, start: Pose) -> JointFit:
         state = np.array([*start, *np.zeros(len(self._deviations))])
         prior = StatePrior(state, self._prior.information)
-        fit: StateFit = self._registration.fit_state(self.seen, state, prior, TRACKING, self._response)
+        fit: StateFit = self._search.registration.fit_state(self.seen, state, prior, TRACKING, self._response)
         covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3] + np.diag(
             np.square(self.errors.floor)
         )
@@ -104,7 +96,7 @@ class JointSearch:
         points = points._replace(positions_m=placed)
         turned = (*pose, math.cos(pose.heading), math.sin(pose.heading))
         for i, kind in enumerate(self._features.kinds_of(self._observation)):
-            place, least, _ = best_place(points, i, self._model.tables, False, turned)
+            place, least, _ = best_place(points, i, self._search.places.tables, False, turned)
             likely = points.peaks[i] * math.exp(-least) if place >= 0 else 0.0
             if points.trust[i] >= MIN_CONFIDENCE and likely < points.floors[i]:
                 found.append(

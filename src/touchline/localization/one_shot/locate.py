@@ -20,12 +20,14 @@ from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.given import given_numbers
 from touchline.localization.one_shot.certainty import CameraDoubt, Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import judge
-from touchline.localization.one_shot.joint_search import BEYOND_M, JointSearch
+from touchline.localization.one_shot.joint_search import JointSearch
 from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, permutation_test
 from touchline.localization.one_shot.point_search import PointSearch
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
 from touchline.localization.registration.weights import WeightSettings, normalized, range_weights
+from touchline.localization.search.feature_search import distinct
+from touchline.localization.search.field_search import BEYOND_M
 from touchline.localization.search.pose_search import Known
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
 
@@ -212,16 +214,15 @@ def _locate_observation(
     fits = [one for one in joint.fits([pose for pose, _ in matches], known) if _allowed(one.pose, heading, s)]
     if not fits:
         raise NoFitError(_no_heading_message(heading, s))
-    similar = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
-    of_pose = {one.pose: one for one in similar}
-    kept = _different_poses(list(of_pose))
+    likely = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
+    covariances = {likely[k].pose: likely[k].covariance for k in _different([one.pose for one in likely])}
     points, weights = _different_points(joint.corrected(fits[0]), None, s)
     sample, weights = sampled(points, weights, MAX_POINTS, seed)
 
     def unsure(place: Pose) -> tuple[FloatArray, None]:
-        return of_pose[place].covariance, None
+        return covariances[place], None
 
-    found = _Found(points, sample, weights, kept, unsure, joint.doubts(fits[0]))
+    found = _Found(points, sample, weights, list(covariances), unsure, joint.doubts(fits[0]))
     return _judged(found, search, field, heading, s, seed)
 
 
@@ -335,33 +336,25 @@ def _matches(
 ) -> list[tuple[Pose, float]]:
     """Different poses refined with all points, and the mean error of each, the better first."""
     refined = search.refined(thinned_to(points, SAMPLE_POINTS), s.candidates)
-    finalists = _different_poses([pose for pose, _ in refined])[: s.finalists]
+    finalists = [refined[k][0] for k in _different([pose for pose, _ in refined], s.finalists)]
     # The mirrored pose on a symmetric field is always a candidate, even if the grid happened to miss it.
     finalists += [pose.mirrored() for pose in finalists]
     matches = search.at(points, weights, np.array([pose.as_array() for pose in finalists]))
     allowed = [match for match in matches if _allowed(match[0], heading, s)]
-    kept = _different_poses([pose for pose, _ in allowed])
-    return [match for match in allowed if any(match[0] is pose for pose in kept)]
+    return [allowed[k] for k in _different([pose for pose, _ in allowed])]
 
 
 def _allowed(pose: Pose, heading: float | None, s: LocateSettings) -> bool:
     return heading is None or abs(wrap_angle(pose.heading - heading)) <= s.heading_tolerance_rad
 
 
-def _different_poses(poses: list[Pose]) -> list[Pose]:
-    """Poses without those that come to the same as an earlier one."""
-    kept: list[Pose] = []
-    for pose in poses:
-        if not _is_among(pose, kept):
-            kept.append(pose)
-    return kept
+def _different(poses: list[Pose], count: int = MAX_POINTS) -> list[int]:
+    """Which poses, up to a count, don't come to the same as an earlier one."""
+    return distinct(np.array(poses).reshape(-1, 3), count, SAME_M, SAME_RAD)
 
 
 def _is_among(pose: Pose, others: list[Pose]) -> bool:
-    return any(
-        pose.distance_to(other) < SAME_M and abs(wrap_angle(pose.heading - other.heading)) < SAME_RAD
-        for other in others
-    )
+    return any(pose.is_near(other, SAME_M, SAME_RAD) for other in others)
 
 
 def _no_heading_message(heading: float | None, s: LocateSettings) -> str:

@@ -9,10 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
+from touchline.field.association import FieldAssociations
+from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import Response
-from touchline.localization.registration.feature_model import FeatureModel, FeatureView
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
+from touchline.localization.registration.features import Features
 from touchline.localization.registration.joint import Seen, StatePrior
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.feature_poses import PoseProposals
@@ -21,6 +25,9 @@ from touchline.localization.search.pose_search import Known, Mode, PoseSearch
 
 WHOLE = (0, 1)  # the first of one part
 MIN_POINTS = 10  # with which a grid is searched
+PLACE_M = 0.01  # error of a crossing's place on the field
+BEYOND_M = 1.0  # so far outside of the field a robot may stand
+SAME_M, SAME_RAD = 0.3, 0.2  # modes of points and of features nearer than this are one
 
 
 class Searched(NamedTuple):
@@ -38,11 +45,19 @@ class Searched(NamedTuple):
 
 
 class FieldSearch:
-    """Finds the poses that explain an image. reach_m (2,): how far from the centre a robot may stand."""
+    """Finds the poses that explain an image. `places`, `model`, `registration`: of the field, for what it shows."""
 
-    def __init__(self, field: FieldModel, registration: Registration, model: FeatureModel, reach_m: FloatArray) -> None:
-        self.points = PoseSearch(field, registration)
-        self.features = FeatureSearch(PoseProposals(model, reach_m), registration, field.is_symmetric)
+    def __init__(self, field: FieldModel) -> None:
+        self.places = FieldAssociations(field)
+        self.model = FeatureModel(self.places.tables, field_lines(field), polar=False)
+        self.registration = Registration(field.distance_map(), self.places.tables)
+        reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
+        self.points = PoseSearch(field, self.registration)
+        self.features = FeatureSearch(PoseProposals(self.model, reach_m), self.registration, field.is_symmetric)
+
+    def features_at(self, height_m: float) -> Features:
+        """Takes the features of observations by a camera at a height."""
+        return Features(self.places, None, height_m, PLACE_M)
 
     def modes(self, searched: Searched, known: Sequence[Known] = (), part: tuple[int, int] = WHOLE) -> tuple[Mode, ...]:
         """The likeliest first. known: of the pose. part: which of so many parts, so that a search can be shared out
@@ -53,9 +68,6 @@ class FieldSearch:
             found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
         if searched.view.size and part[0] == 0:
             more = self.features.modes(seen, searched.view, searched.expected, searched.response, known)
-            found = (*found, *(one for one in more if not any(_is_near(one.pose, other.pose) for other in found)))
+            poses = [one.pose for one in found]
+            found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
         return found
-
-
-def _is_near(one: Pose, other: Pose) -> bool:
-    return one.distance_to(other) < 0.3 and abs(one.inverse().compose(other).heading) < 0.2

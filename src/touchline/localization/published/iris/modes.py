@@ -213,7 +213,7 @@ class SensorFusion:
         expected = None if self._seen is None else self._seen.compose(motion.pose)
         blind_m, blind_rad = _unseen(motion)
         reach_rad = min(AGREEMENT_RAD + blind_rad, _QUARTER_TURN)
-        return expected is not None and _near(expected, vision.pose, AGREEMENT_M + blind_m, reach_rad)
+        return expected is not None and expected.is_near(vision.pose, AGREEMENT_M + blind_m, reach_rad)
 
     @property
     def lost(self) -> bool:
@@ -256,7 +256,7 @@ class SensorFusion:
         blind_m, blind_rad = _unseen(motion)
         reach_m = min(AGREEMENT_M + 3.0 * _spread_m(self.bound), s.lost_m + blind_m)
         reach_rad = min(AGREEMENT_RAD + 3.0 * _spread_rad(self.bound), TURNED_RAD + blind_rad, _QUARTER_TURN)
-        agrees = self.has_pose and _near(odometry, vision.pose, reach_m, reach_rad)
+        agrees = self.has_pose and odometry.is_near(vision.pose, reach_m, reach_rad)
         steady = self._is_steady(motion, vision)
         self.agreeing = self.agreeing + 1 if agrees else 0
         if agrees or not fixed or vision.inlier_ratio < s.accepted_ratio:
@@ -361,8 +361,3 @@ def _unseen(motion: Motion) -> tuple[float, float]:
 def _spread_rad(covariance: FloatArray) -> float:
     """Standard deviation of the heading (rad)."""
     return math.sqrt(covariance[2, 2])
-
-
-def _near(one: Pose, other: Pose, reach_m: float, reach_rad: float) -> bool:
-    turned = abs(wrap_angle(one.heading - other.heading))
-    return one.distance_to(other) <= reach_m and turned <= reach_rad

@@ -10,9 +10,9 @@ import math
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nimbro.feature_filter import Explained
+from touchline.motion.start import StartSettings
 from touchline.types import Status
 
 CONFIRMING_FEATURES = 20.0  # that a new pose must be judged by until it is believed: two or three images
@@ -25,15 +25,9 @@ SURE_M = 0.5  # standard deviation of a position above which no pose is believed
 SURE_RAD = 0.3  # the same of the heading
 
 
-class BeliefSettings(Settings):
+class BeliefSettings(StartSettings):
     """When a pose is believed."""
 
-    start_position_m: float = Field(
-        0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
-    )
-    start_heading_rad: float = Field(
-        0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
-    )
     confirmed_ratio: float = Field(
         0.7, gt=0, le=1, description="ratio of the features that a new pose must explain to be believed"
     )

@@ -7,9 +7,7 @@ mode elsewhere that explains more for some time takes its place, and so does a t
 
 from __future__ import annotations
 
-import numpy as np
-
-from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
+from touchline.geometry import FloatArray, Pose, mirrored_covariance
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings, FeatureBelief, is_narrow
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.field_ends import FieldEnds
@@ -51,10 +49,9 @@ class FeatureTracker:
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
-        prior, s = prior or Prior(), self.belief.settings
+        prior = prior or Prior()
         told = prior.pose is not None
-        deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
-        covariance = np.diag(deviations**2) if prior.covariance is None else prior.covariance
+        covariance = self.belief.settings.start_covariance if prior.covariance is None else prior.covariance
         self.filter.forget_lean()
         self.filter.start(prior.pose or Pose(0.0, 0.0, 0.0), covariance)
         self.belief.reset(told)
@@ -117,7 +114,7 @@ class FeatureTracker:
 
     def _follow(self, view: FeatureView, mode: ParticleMode) -> None:
         """Least squares on the features, beside a mode of the particles that may be elsewhere."""
-        elsewhere = mode.weight >= SURE_WEIGHT and not self._is_near(mode.pose, MODE_M, MODE_RAD)
+        elsewhere = mode.weight >= SURE_WEIGHT and not mode.pose.is_near(self.pose, MODE_M, MODE_RAD)
         rival = self.filter.explained(view, mode.pose) if elsewhere else None
         near = None if elsewhere or mode.weight < SURE_WEIGHT else mode.pose
         explained = self.filter.update(view, near)
@@ -149,8 +146,4 @@ class FeatureTracker:
 
     def _is_slip(self, pose: Pose) -> bool:
         """Whether a jump to another pose is no farther than a robot slips."""
-        return self._is_near(pose, SLIP_M, SLIP_RAD)
-
-    def _is_near(self, pose: Pose, reach_m: float, reach_rad: float) -> bool:
-        turned = abs(wrap_angle(pose.heading - self.pose.heading))
-        return self.pose.distance_to(pose) <= reach_m and turned <= reach_rad
+        return pose.is_near(self.pose, SLIP_M, SLIP_RAD)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from pydantic import Field
 
-from touchline.config import PAPER, Settings, added, load_settings
+from touchline.config import Settings, added
 from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
@@ -130,10 +130,6 @@ class NubotParticleSettings(Settings):
     motion: MotionNoise = MotionNoise()
     adaptive: AdaptiveSettings = AdaptiveSettings()
     paper: NubotParticlePaper = NubotParticlePaper()
-
-
-# Equations (1) to (3) as they stand, and nothing but the drawing to come near.
-PAPER_FORM = load_settings(NubotParticleSettings, preset=PAPER)
 
 
 class NubotParticles:

@@ -14,6 +14,7 @@ from pydantic import Field
 from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.driven import EXACT_SCALES, SCALE_DRIFT, Scales, driven
+from touchline.motion.start import StartSettings
 
 # a match beyond the gate is believed if the prediction's mean error is more than this factor, or BETTER_MARGIN, above
 # its own: a lone line that RPROP slid along is explained as well where it was predicted
@@ -50,7 +51,7 @@ class FusionPaper(Settings):
     )
 
 
-class FusionSettings(Settings):
+class FusionSettings(StartSettings):
     """The Kalman filter. The paper leaves all of it open."""
 
     gate: float = Field(
@@ -58,12 +59,6 @@ class FusionSettings(Settings):
         gt=0,
         description="squared Mahalanobis distance between prediction and match above which they contradict each other: "
         "the 99.9 % quantile of chi square with 3 degrees of freedom",
-    )
-    start_position_m: float = Field(
-        0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
-    )
-    start_heading_rad: float = Field(
-        0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
     )
     paper: FusionPaper = FusionPaper()
 
@@ -98,12 +93,9 @@ class PoseFilter:
         """
         self.settings = settings or FusionSettings()
         self.pose = pose
-        if covariance is None:
-            s = self.settings
-            covariance = np.diag([s.start_position_m, s.start_position_m, s.start_heading_rad]) ** 2
         self.scales = np.zeros(3)
         self._joint = np.zeros((6, 6))  # covariance of x, y, heading and the three scales
-        self._joint[:3, :3] = covariance
+        self._joint[:3, :3] = self.settings.start_covariance if covariance is None else covariance
         self._joint[_SCALES, _SCALES] = np.square(scales)
         self._drifting = np.array([scale > 0.0 for scale in scales])
 
