@@ -241,7 +241,9 @@ def test_thinning_keeps_one_point_of_each_cell() -> None:
 @pytest.mark.parametrize("heading", [None, 0.7])
 def test_the_coarse_search_judges_every_pose_as_one_by_one(heading: float | None) -> None:
     """Sums over shifted blocks of the table are the means of look-ups at each pose, far beyond the map as well."""
-    grid = PoseGrid(FIELD.length, FIELD.width, 0.5, 1.0, 0.0873, heading, 0.6)
+    grid = PoseGrid(FIELD.length, FIELD.width, 0.5, 1.0, 0.0873)
+    if heading is not None:
+        grid.headings = heading + np.linspace(-0.6, 0.6, 15)
     distance_map = FIELD.distance_map()
     cells = distance_map.table._replace(values=np.ascontiguousarray(distance_map.values[::4, ::4]), resolution_m=0.1)
     points = np.vstack((seen_from(TRUTH), [[30.0, 2.0], [-1e6, 4.0], [5.0, -1e300]]))

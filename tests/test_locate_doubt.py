@@ -15,9 +15,9 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.one_shot.advice import fit_scale
 from touchline.localization.one_shot.certainty import Spread, with_camera
 from touchline.localization.one_shot.locate import Location, locate_points
-from touchline.localization.one_shot.scale import fit_scale
 from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

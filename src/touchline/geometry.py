@@ -84,6 +84,10 @@ class Pose(NamedTuple):
         """Distance of the positions (m)."""
         return math.hypot(self.x - other.x, self.y - other.y)
 
+    def minus(self, other: Pose) -> FloatArray:
+        """This less another (3,), m, m, rad, in the frame that both are in."""
+        return np.array([self.x - other.x, self.y - other.y, wrap_angle(self.heading - other.heading)])
+
     def is_near(self, other: Pose, reach_m: float, reach_rad: float) -> bool:
         """Whether another pose is no farther away than this, and turned by no more."""
         return self.distance_to(other) <= reach_m and abs(wrap_angle(self.heading - other.heading)) <= reach_rad
@@ -96,6 +100,16 @@ class Pose(NamedTuple):
 def as_pose(pose: FloatArray) -> Pose:
     """A pose (3,) with its heading wrapped."""
     return Pose(float(pose[0]), float(pose[1]), wrap_angle(float(pose[2])))
+
+
+def deviation_m(covariance: FloatArray) -> float:
+    """Standard deviation of the position (m) of a covariance (3, 3)."""
+    return math.sqrt(covariance[0, 0] + covariance[1, 1])
+
+
+def deviation_rad(covariance: FloatArray) -> float:
+    """The same of the heading (rad)."""
+    return math.sqrt(covariance[2, 2])
 
 
 def mirrored_covariance(covariance: FloatArray) -> FloatArray:

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from touchline.camera import Camera
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
-    from touchline.localization.one_shot.advice import Better
+    from touchline.localization.one_shot.advice import Better, Scale
     from touchline.localization.one_shot.locate import Location
-    from touchline.localization.one_shot.scale import Scale
     from touchline.types import ImageArray
     from touchline.view.look import Look
 
@@ -146,9 +145,8 @@ def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
 
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
-    from touchline.localization.one_shot.advice import better_fits
+    from touchline.localization.one_shot.advice import better_fits, fit_scale
     from touchline.localization.one_shot.locate import PoorFitError, locate, locate_points
-    from touchline.localization.one_shot.scale import fit_scale
 
     points, scale = seen.points, None
     found: Location | NoFitError

@@ -25,19 +25,24 @@ from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Hypothesis, Observation, Prior, Status
 
 
-class NubotSettings(Settings):
-    """What both papers fix of perception, matching and tracking, and what they leave open."""
+class CommonSettings(Settings):
+    """What both papers fix of perception, matching and judging, and what they leave open."""
 
     line_points: LinePointSettings = LinePointSettings()
     learning: LearningSettings = LearningSettings()
     weights: WeightSettings = WeightSettings()
     matching: MatchingSettings = MatchingSettings()
-    mirror_tilt: MirrorTiltSettings = MirrorTiltSettings()
     fusion: FusionSettings = FusionSettings()
-    compass: CompassSettings = CompassSettings()
     failure: FailureSettings = FailureSettings()
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
+
+
+class NubotSettings(CommonSettings):
+    """Those of a system that tracks by matching."""
+
+    mirror_tilt: MirrorTiltSettings = MirrorTiltSettings()
+    compass: CompassSettings = CompassSettings()
 
     @property
     def step_noise(self) -> OdometrySettings:
@@ -63,7 +68,7 @@ class Following:
     ) -> None:
         """search: of the whole field. keep_unless_better: as of `FailureMonitor`."""
         field, s = setup.field, settings
-        self.detector = opened_detector(setup, s.line_points, s.learning)
+        self.detector = opened_detector(setup, s)
         self.history = MotionHistory(s.step_noise, s.compass_track)
         self.tilt = s.mirror_tilt.mirror(field, setup.camera)
         self.compass_correction = CompassCorrection(s.compass)
@@ -118,13 +123,11 @@ class Following:
         return found.match, found.hypotheses
 
 
-def opened_detector(
-    setup: RobotSetup, line_points: LinePointSettings, learning: LearningSettings
-) -> SelfLearningDetector | None:
+def opened_detector(setup: RobotSetup, s: CommonSettings) -> SelfLearningDetector | None:
     """The detector of the papers' systems; None without a camera."""
     if setup.camera is None:
         return None
-    return SelfLearningDetector(setup.camera, line_points, learning, setup.field.line_width)
+    return SelfLearningDetector(setup.camera, s.line_points, s.learning, setup.field.line_width)
 
 
 def report(

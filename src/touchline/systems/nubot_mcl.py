@@ -64,7 +64,7 @@ class NubotMcl:
         clock, tracker, belief = Stopwatch(), self.following.tracker, self.following.belief
         motion = self.history.take(frame)
         tracker.predict(motion)  # predict: the odometry carries the pose on, section 4
-        self.localizer.predict(motion)  # and the particles, by the motion model
+        self.localizer.search.predict(motion)  # and the particles, by the motion model
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
         view = self.following.inputs.of(observation)
         match = tracker.match(view)  # match: from the prediction

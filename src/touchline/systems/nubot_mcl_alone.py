@@ -16,39 +16,29 @@ import numpy as np
 from touchline.geometry import Pose
 from touchline.localization.published.nubot.belief import Belief
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.failure import FailureMonitor, FailureSettings
+from touchline.localization.published.nubot.failure import FailureMonitor
 from touchline.localization.published.nubot.global_localizer import Localization, Prediction
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
-from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.published.nubot.matcher import Match, Matcher
 from touchline.localization.published.nubot.particle_localizer import (
     ParticleFollower,
     ParticleSearch,
     ParticleSearchSettings,
 )
 from touchline.localization.published.nubot.particles import NubotParticles
-from touchline.localization.published.nubot.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.localization.registration.learned_mirror import LearnedMirror
-from touchline.localization.registration.weights import WeightSettings
-from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
-from touchline.perception import LearningSettings, LinePointSettings, observe
-from touchline.systems.nubot import opened_detector, report
+from touchline.motion import MotionHistory
+from touchline.perception import observe
+from touchline.systems.nubot import CommonSettings, opened_detector, report
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
-class NubotMclAloneSettings(ParticleSearchSettings):
+class NubotMclAloneSettings(ParticleSearchSettings, CommonSettings):
     """Those of nubot-mcl without tracking; matching only judges what the particles have come to."""
-
-    line_points: LinePointSettings = LinePointSettings()
-    learning: LearningSettings = LearningSettings()
-    weights: WeightSettings = WeightSettings()
-    matching: MatchingSettings = MatchingSettings()
-    fusion: FusionSettings = FusionSettings()
-    failure: FailureSettings = FailureSettings()
-    odometry: OdometrySettings = OdometrySettings()
-    compass_track: CompassTrackSettings = CompassTrackSettings()
 
 
 class NubotMclAlone:
@@ -60,7 +50,7 @@ class NubotMclAlone:
         """rng: all chance comes from it."""
         field, s = setup.field, settings
         self.setup, self.settings, self.max_range_m = setup, settings, setup.max_range_m
-        self.detector = opened_detector(setup, s.line_points, s.learning)
+        self.detector = opened_detector(setup, s)
         self.history = MotionHistory(s.odometry, s.compass_track)
         matcher = Matcher(field.distance_map(), s.matching)
         whole_field = GlobalSearch(matcher, field.length, field.width)
@@ -84,7 +74,7 @@ class NubotMclAlone:
         self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance, self.settings.fusion)
         self.has_pose = prior.pose is not None
         self.failure.reset(start_pose_unconfirmed=self.has_pose)
-        self.follower.reset()
+        self.follower.search.reset()
         self.belief.reset(prior)
 
     def step(self, frame: Frame) -> Estimate:
@@ -92,7 +82,7 @@ class NubotMclAlone:
         clock = Stopwatch()
         motion = self.history.take(frame)
         self.filter.predict(motion.pose, motion.covariance)  # predict: the odometry stands in where nothing is seen
-        self.follower.predict(motion)  # and moves the particles, by the motion model
+        self.follower.search.predict(motion)  # and moves the particles, by the motion model
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
         view = self.inputs.of(observation)
         match = self._follow(view)  # weigh and resample the particles, equations (1) to (3)

@@ -17,9 +17,9 @@ from touchline.camera import Camera, require_omni
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray
+from touchline.localization.one_shot.advice import quick_pose
 from touchline.localization.one_shot.certainty import points_covariance
 from touchline.localization.one_shot.point_search import PointSearch
-from touchline.localization.one_shot.scale import quick_pose
 from touchline.localization.one_shot.thinning import thinned_to
 from touchline.localization.registration.covariance import is_observed
 from touchline.localization.registration.weights import normalized

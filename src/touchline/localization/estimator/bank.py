@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.field.distances import LineTables
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, as_pose, wrap_angle
 from touchline.localization.camera_errors.base import Response, placed_points
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.measurement import Measurement
@@ -28,7 +28,6 @@ from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import SHAKEN, Registration
 from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
-from touchline.localization.search.feature_search import pose_of
 from touchline.localization.search.pose_search import Mode
 from touchline.motion.delayed import Delayed
 from touchline.types import Evidence, Frame
@@ -279,7 +278,7 @@ class Bank:
                 other = self._fitted(one.filter, image, start)
                 if other.log_evidence > one.log_evidence:
                     one.fit, one.expected, one.log_evidence = other.fit, other.expected, other.log_evidence
-            followed |= one.fit is not None and is_same(pose, pose_of(one.fit))
+            followed |= one.fit is not None and is_same(pose, as_pose(one.fit.state))
         return followed
 
     def _found(self, mode: Mode, image: Image) -> Member:

@@ -14,7 +14,7 @@ import numpy as np
 
 from touchline.camera import Camera
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
@@ -22,7 +22,7 @@ from touchline.localization.registration.feature_model import best_place
 from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.localization.registration.registration import TRACKING
 from touchline.localization.registration.seen import seen_of
-from touchline.localization.search.feature_search import ANYWHERE, pose_of
+from touchline.localization.search.feature_search import ANYWHERE
 from touchline.localization.search.field_search import FieldSearch, Searched
 from touchline.localization.search.pose_search import Known
 from touchline.types import Observation
@@ -85,10 +85,9 @@ class JointSearch:
         state = np.array([*start, *np.zeros(len(self._deviations))])
         prior = StatePrior(state, self._prior.information)
         fit: StateFit = self._search.registration.fit_state(self.seen, state, prior, TRACKING, self._response)
-        covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3] + np.diag(
-            np.square(self.errors.floor)
-        )
-        return JointFit(pose_of(fit), covariance, fit.state[3:].copy(), float(fit.log_likelihood), float(fit.explained))
+        covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3]
+        covariance += np.diag(np.square(self.errors.floor))
+        return JointFit(as_pose(fit.state), covariance, fit.state[3:].copy(), fit.log_likelihood, fit.explained)
 
     def _contradicting(self, fit: JointFit) -> list[str]:
         pose, points, found = fit.pose, self.seen.features, []

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose, as_pose
+from touchline.geometry import FloatArray, Pose, as_pose, deviation_m, deviation_rad
 
 
 class ParticleEstimate(NamedTuple):
@@ -26,12 +26,12 @@ class ParticleEstimate(NamedTuple):
     @property
     def deviation_m(self) -> float:
         """Standard deviation of the position (m)."""
-        return math.sqrt(self.covariance[0, 0] + self.covariance[1, 1])
+        return deviation_m(self.covariance)
 
     @property
     def deviation_rad(self) -> float:
         """Standard deviation of the heading (rad)."""
-        return math.sqrt(self.covariance[2, 2])
+        return deviation_rad(self.covariance)
 
 
 class ParticleSet:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.geometry import FloatArray, as_pose, wrap_angles
 from touchline.localization.camera_errors.base import Response
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
@@ -61,17 +61,11 @@ class FeatureSearch:
 
     def _mode(self, fit: StateFit, information: FloatArray, known: Sequence[Known]) -> Mode:
         covariance = np.linalg.inv(fit.information + information)[:3, :3]
-        mode = Mode(pose_of(fit), covariance, 1.0, fit.log_likelihood, fit.explained, fit.noise)
+        mode = Mode(as_pose(fit.state), covariance, 1.0, fit.log_likelihood, fit.explained, fit.noise)
         against = [sum(contradiction(pose, one) for one in known) for pose in (mode.pose, mode.pose.mirrored())]
         if self.symmetric and against[1] < against[0]:
             return replace(mode.mirrored(), log_likelihood=fit.log_likelihood - against[1])
         return replace(mode, log_likelihood=fit.log_likelihood - against[0])
-
-
-def pose_of(fit: StateFit) -> Pose:
-    """The pose of a fit, its heading wrapped."""
-    x, y, heading = fit.state[:3].tolist()
-    return Pose(x, y, wrap_angle(heading))
 
 
 def distinct(poses: FloatArray, count: int, apart_m: float, apart_rad: float) -> list[int]:

@@ -86,13 +86,8 @@ class ImageMirror:
         """Of a pose that the particles say: what points and mirror leave open, and how far off them it is."""
         if self.fit is None or self.pose is None:
             return None
-        beside = shared_out(difference(pose, self.pose)) + self.mirror.misfit
+        beside = shared_out(pose.minus(self.pose)) + self.mirror.misfit
         return ImageDoubt(self.fit.covariance[:3, :3] + beside, self.fit.of_pose, beside)
-
-
-def difference(one: Pose, other: Pose) -> FloatArray:
-    """One less the other (3,), m, m, rad."""
-    return np.array([one.x - other.x, one.y - other.y, wrap_angle(one.heading - other.heading)])
 
 
 def shared_out(apart: FloatArray) -> FloatArray:

@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings, added
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, deviation_m, deviation_rad, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
-from touchline.localization.published.iris.image_doubt import ImageDoubt, difference, shared_out
+from touchline.localization.published.iris.image_doubt import ImageDoubt, shared_out
 from touchline.localization.registration.covariance import widest_m
 from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.motion.odometry import Motion
@@ -218,7 +218,7 @@ class SensorFusion:
     @property
     def lost(self) -> bool:
         """Whether the odometry has been alone for too long."""
-        return _spread_m(self.bound) > self.settings.lost_m
+        return deviation_m(self.bound) > self.settings.lost_m
 
     @property
     def doubtful(self) -> bool:
@@ -228,7 +228,7 @@ class SensorFusion:
     @property
     def heading_deviation_rad(self) -> float:
         """Standard deviation of the pose's heading (rad)."""
-        return _spread_rad(self.bound)
+        return deviation_rad(self.bound)
 
     @property
     def confirmed(self) -> bool:
@@ -254,8 +254,8 @@ class SensorFusion:
         """
         s = self.settings
         blind_m, blind_rad = _unseen(motion)
-        reach_m = min(AGREEMENT_M + 3.0 * _spread_m(self.bound), s.lost_m + blind_m)
-        reach_rad = min(AGREEMENT_RAD + 3.0 * _spread_rad(self.bound), TURNED_RAD + blind_rad, _QUARTER_TURN)
+        reach_m = min(AGREEMENT_M + 3.0 * deviation_m(self.bound), s.lost_m + blind_m)
+        reach_rad = min(AGREEMENT_RAD + 3.0 * deviation_rad(self.bound), TURNED_RAD + blind_rad, _QUARTER_TURN)
         agrees = self.has_pose and odometry.is_near(vision.pose, reach_m, reach_rad)
         steady = self._is_steady(motion, vision)
         self.agreeing = self.agreeing + 1 if agrees else 0
@@ -289,7 +289,7 @@ class SensorFusion:
 
     def _take(self, odometry: Pose, vision: ParticleEstimate, image: ImageDoubt | None) -> None:
         """Equations (15) to (19), or one of the two alone."""
-        self.dispute = difference(vision.pose, odometry)
+        self.dispute = vision.pose.minus(odometry)
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
             return
@@ -346,18 +346,8 @@ def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
     )
 
 
-def _spread_m(covariance: FloatArray) -> float:
-    """Standard deviation of the position (m)."""
-    return math.sqrt(covariance[0, 0] + covariance[1, 1])
-
-
 def _unseen(motion: Motion) -> tuple[float, float]:
     """What may have been driven (m) and turned (rad) while nothing was felt."""
     if not motion.missing_s:
         return 0.0, 0.0
-    return 3.0 * _spread_m(motion.covariance), 3.0 * _spread_rad(motion.covariance)
-
-
-def _spread_rad(covariance: FloatArray) -> float:
-    """Standard deviation of the heading (rad)."""
-    return math.sqrt(covariance[2, 2])
+    return 3.0 * deviation_m(motion.covariance), 3.0 * deviation_rad(motion.covariance)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from pydantic import Field
 
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, deviation_m, deviation_rad
 from touchline.localization.published.nimbro.feature_filter import Explained
 from touchline.motion.start import StartSettings
 from touchline.types import Status
@@ -204,8 +204,7 @@ class FeatureBelief:
 
 def is_narrow(covariance: FloatArray) -> bool:
     """Whether a covariance (3, 3) is of a pose that may be believed."""
-    position = math.sqrt(covariance[0, 0] + covariance[1, 1])
-    return position < SURE_M and math.sqrt(covariance[2, 2]) < SURE_RAD
+    return deviation_m(covariance) < SURE_M and deviation_rad(covariance) < SURE_RAD
 
 
 def _about_centre(pose: Pose) -> FloatArray:

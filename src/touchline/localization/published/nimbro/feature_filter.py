@@ -40,11 +40,6 @@ class Explained(NamedTuple):
     information: FloatArray
 
 
-def nothing_explained() -> Explained:
-    """Of a frame without features."""
-    return Explained(0.0, 0.0, math.nan, np.zeros((3, 3)))
-
-
 class FeatureFilter:
     """Pose and covariance (3, 3) in (m, m, rad), field frame; `lean` (2,): roll and pitch that stay (rad)."""
 
@@ -83,7 +78,7 @@ class FeatureFilter:
         near: that pose, by default the prediction, which may be too far off to tell what is what.
         """
         if view.size == 0:
-            return nothing_explained()
+            return self.explained(view, self.pose)
         prior = np.zeros((5, 5))
         lean_prior = self.lean_covariance + np.eye(2) * self.lean_rad**2
         prior[:3, :3] = np.linalg.inv(self.covariance)
@@ -103,8 +98,6 @@ class FeatureFilter:
 
     def explained(self, view: FeatureView, pose: Pose) -> Explained:
         """How much of a frame's features another pose explains."""
-        if view.size == 0:
-            return nothing_explained()
         normal, _, explained = self._sum(np.array([*pose, 0.0, 0.0]), view)
         return Explained(*explained, NEW_RATIO * normal[:3, :3])
 

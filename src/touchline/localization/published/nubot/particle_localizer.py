@@ -180,17 +180,12 @@ class ParticleLocalizer:
         """whole_field: which must know no other place that explains the points as well; the paper has no such test."""
         self.search = search
         self.whole_field = whole_field
-
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self.search.reset()
         self._seen_one_line = False
-
-    def predict(self, motion: Motion) -> None:
-        """The odometry carries the particles on."""
-        self.search.predict(motion)
 
     def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization:
         """One cycle; once the particles have converged, the match that their mean leads to."""
@@ -224,14 +219,6 @@ class ParticleFollower:
 
     def __init__(self, search: ParticleSearch) -> None:
         self.search = search
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self.search.reset()
-
-    def predict(self, motion: Motion) -> None:
-        """The odometry carries the particles on."""
-        self.search.predict(motion)
 
     def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization:
         """One cycle of a search; what the particles have converged to is judged at the match nearby."""

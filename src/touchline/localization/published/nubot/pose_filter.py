@@ -128,7 +128,7 @@ class PoseFilter:
 
     def distance2_to(self, pose: Pose, covariance: FloatArray) -> float:
         """Squared Mahalanobis distance of a match from the prediction; 3 on average while both are right."""
-        innovation = self._innovation(pose)
+        innovation = pose.minus(self.pose)
         return float(innovation @ np.linalg.solve(self.covariance + covariance, innovation))
 
     def update(self, pose: Pose, covariance: FloatArray, trusted: bool = True) -> bool:
@@ -138,7 +138,7 @@ class PoseFilter:
         that the odometry didn't feel: a shove. The prediction's covariance then grows by just such a jump before the
         fusion, so that the pose follows at once where the lines observe it, and the odometry keeps what they don't.
         """
-        innovation = self._innovation(pose)
+        innovation = pose.minus(self.pose)
         if self.settings.paper.shoves and self.distance2_to(pose, covariance) > self.settings.gate:
             if not trusted:
                 return False
@@ -153,11 +153,6 @@ class PoseFilter:
         keep[:, :3] -= gain
         self._joint = keep @ self._joint @ keep.T + gain @ covariance @ gain.T
         return True
-
-    def _innovation(self, pose: Pose) -> FloatArray:
-        return np.array(
-            [pose.x - self.pose.x, pose.y - self.pose.y, wrap_angle(pose.heading - self.pose.heading)], dtype=np.float64
-        )
 
 
 def equal_error(error: float) -> float:
