@@ -81,7 +81,7 @@ class FailureDetector:
 
     def __init__(self, settings: FailureSettings | None = None) -> None:
         self.settings = settings or FailureSettings()
-        self.reset()
+        self.bad_frames = self.blind_frames = self.suspect_frames = 0
 
     def update(
         self,
