@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from touchline.camera import OmniCamera
-from touchline.config import load_settings
+from touchline.config import PAPER, load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.published.nubot import particle_localizer
 from touchline.localization.published.nubot.particle_localizer import CONFIRMATIONS
-from touchline.localization.published.nubot.particles import PAPER_FORM
+from touchline.localization.published.nubot.particles import NubotParticleSettings
 from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
@@ -240,7 +240,7 @@ def test_a_compass_that_errs_delays_but_does_not_deceive(error_deg: float) -> No
 def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() -> None:
     """The paper's comparison: MCL without matching."""
     pose = Pose(2.0, 1.0, 0.3)
-    switches = PAPER_FORM.paper
+    switches = load_settings(NubotParticleSettings, preset=PAPER).paper
     as_printed = [f"paper.particles.{name}={json.dumps(getattr(switches, name))}" for name in switches.model_fields_set]
     estimates = stand(alone(*as_printed), pose, range(40), 0.3)[20:]
     errors = [error_m(e, pose) for e in estimates]
