@@ -27,6 +27,7 @@ from touchline.localization.search.field_search import FieldSearch, Searched
 from touchline.localization.search.pose_search import Known
 from touchline.types import Observation
 
+EXACT2 = 1e-14  # variance of an error of the camera that is known exactly
 MIN_CONFIDENCE = 0.5  # of a feature that contradicts a pose
 MAX_CHI2 = (
     9.5  # of the camera's errors: the 95 % quantile with 4 degrees of freedom; right poses leave 3, wrong ones 11
@@ -58,7 +59,7 @@ class JointSearch:
         self.seen = seen_of(observation, self._features, 1.0)
         variances = np.diag(self.errors.prior).copy()
         variances[:2] += self.errors.lean.first**2
-        self._deviations = np.sqrt(variances)
+        self._deviations = np.sqrt(np.maximum(variances, EXACT2))
         information = np.diag(np.concatenate((ANYWHERE, self._deviations)) ** -2.0)
         self._prior = StatePrior(np.zeros(len(information)), information)
 

@@ -134,9 +134,8 @@ def locate(
 
     points: the path of a CSV file (header x_m,y_m, perhaps weight), an array or a sequence of pairs (N, 2) in m, robot
     frame, LinePoints, which are weighed by their precision, or an Observation, whose lines, crossings and landmarks
-    count, too. field: a preset's name, the path
-    of a field.yaml or a FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle.
-    settings, seed, camera: as of `locate_points`.
+    count, too. field: a preset's name, the path of a field.yaml or a FieldModel. heading: from a compass (rad, field
+    frame), or None to search the whole circle. settings, seed, camera: as of `locate_points`.
     Raises InputError for points or a field that can't be read, NoFitError for points that fit no pose.
     """
     model = field if isinstance(field, FieldModel) else _opened(field)
