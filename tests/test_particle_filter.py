@@ -10,20 +10,12 @@ from line_scenes import view
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.particles import (
-    EVERY_CYCLE,
-    AugmentedInjection,
-    CertaintyNumber,
-    DistanceMapModel,
-    LineView,
-    MotionModel,
-    ParticleEstimate,
-    ParticleFilter,
-    ParticleSet,
-    RandomInjection,
-    Resampling,
-    UniformPoses,
-)
+from touchline.localization.particles.motion_model import MotionModel
+from touchline.localization.particles.particle_filter import ParticleFilter
+from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
+from touchline.localization.particles.random_particles import AugmentedInjection, RandomInjection, UniformPoses
+from touchline.localization.particles.resampling import EVERY_CYCLE, CertaintyNumber, Resampling
+from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")
