@@ -72,6 +72,14 @@ def test_beyond_the_edges_the_table_goes_on_as_documented() -> None:
     assert ranges_along(radii, ranges, table)[0, [0, -1]] == pytest.approx([0.3, 4.8], rel=0.08)
 
 
+@pytest.mark.parametrize("last_m", [2.0, 2.0 + 1e-12, 1.9])
+def test_ranges_that_no_longer_grow_are_continued_to_twice_the_last_radius(last_m: float) -> None:
+    radii, ranges = np.array([[50.0, 70.0, 90.0]]), np.array([1.0, 2.0, last_m])
+    table = table_radii(radii, ranges)
+    assert 91.0 <= table[-1] <= 180.0
+    assert np.isfinite(ranges_along(radii, ranges, table)).all()
+
+
 def test_one_polynomial_through_all_edges_amplifies_their_noise() -> None:
     """The formula as Lu et al. 2013 name it, beside the four nearest edges."""
     rng = np.random.default_rng(1)

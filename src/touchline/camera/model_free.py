@@ -16,7 +16,7 @@ from touchline.geometry import FloatArray
 
 SUPPORT = 4  # nearest support vectors of an interpolation: one polynomial through 15 amplifies their noise 277-fold
 ROWS = 72  # directions of the written table: linear interpolation between rows 5° apart adds 0.1 % of a tilt's effect
-BEYOND = 2.0  # beyond the last edge the range is continued to so many times that edge's range ...
+BEYOND = 2.0  # beyond the last edge the range is continued to so many times that edge's range, and radius at most ...
 WITHIN = 0.5  # ... and inside the first one to so many times that
 # what a calibration is never surer of: a mount that settles, a strip that is misread by millimetres
 MIN_UNCERTAINTY = CameraUncertainty(0.02, 0.05, 0.002)
@@ -183,7 +183,10 @@ def _last_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
 
 
 def _ends(radii_px: FloatArray, ranges_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Radii (B,) at which half of the first range and twice the last one are reached."""
+    """Radii (B,) at which half of the first range and twice the last one are reached, or twice the last radius."""
+    flattest = (1.0 / BEYOND - 1.0) / ranges_m[-1] / ((BEYOND - 1.0) * radii_px[:, -1])
     inner = radii_px[:, 0] - (1.0 - WITHIN) * ranges_m[0] / _first_slopes(radii_px, ranges_m)
-    outer = radii_px[:, -1] - (1.0 - 1.0 / BEYOND) / ranges_m[-1] / _last_slopes(radii_px, ranges_m)
+    outer = radii_px[:, -1] - (1.0 - 1.0 / BEYOND) / ranges_m[-1] / np.minimum(
+        _last_slopes(radii_px, ranges_m), flattest
+    )
     return inner, outer

@@ -88,19 +88,19 @@ def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> F
     # a scale of the turns that is learned would take up a part of it
     system = open_system(_SYSTEM, RobotSetup(field, None), {"odometry.turn_scale": 0.0})
     estimates = [system.step(frame) for frame in shifted]
-    told = [frame.odometry for frame in shifted if frame.odometry is not None]
-    if not told:
+    odometries = [frame.odometry for frame in shifted if frame.odometry is not None]
+    if not odometries:
         return np.zeros(0)
-    stamps_ns = np.concatenate([samples.stamp_ns for samples in told]).astype(np.float64)
-    turned = np.unwrap(np.concatenate([samples.values[:, 2] for samples in told]))
+    stamps_ns = np.concatenate([samples.stamp_ns for samples in odometries]).astype(np.float64)
+    turned = np.unwrap(np.concatenate([samples.values[:, 2] for samples in odometries]))
     at_ns = np.array([estimate.stamp_ns for estimate in estimates], dtype=np.float64)
     headings = np.array([estimate.pose.heading for estimate in estimates])
     steps = wrap_angles(np.diff(headings) - np.diff(np.interp(at_ns, stamps_ns, turned)))
     tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
     kept = tracking[1:] & tracking[:-1] & (np.abs(steps) > 1e-9)
     kept[:_FIRST_STEPS] = False
-    away: FloatArray = np.abs(steps[kept] - np.median(steps[kept])) if kept.any() else np.zeros(0)
-    return away
+    deviations: FloatArray = np.abs(steps[kept] - np.median(steps[kept])) if kept.any() else np.zeros(0)
+    return deviations
 
 
 def _redealt(frames: Sequence[Frame], late_ns: int) -> Iterator[Frame]:

@@ -83,8 +83,8 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
 
 def _ends(estimates: list[Estimate]) -> Iterator[Finding]:
     """Whether the end of a symmetric field is open, where the system tells how sure it is."""
-    told = [estimate.twin_probability for estimate in estimates if estimate.twin_probability is not None]
-    twin = float(np.median(told)) if told else 0.0
+    probabilities = [estimate.twin_probability for estimate in estimates if estimate.twin_probability is not None]
+    twin = float(np.median(probabilities)) if probabilities else 0.0
     if twin >= _UNSURE:
         what = "nothing tells the ends of the field apart: the other has a probability of "
         what += f"{100.0 * twin:.0f} % (median)"
@@ -110,9 +110,9 @@ def _deviations(
     assert estimate.observation is not None
     points = tilt.corrected(estimate.observation.points.positions_m)
     placed = np.ascontiguousarray(estimate.pose.transform(points))
-    away = placed - nearest_line_points(field.line_tables, placed)
-    distance = np.hypot(*away.T)
-    normal = away / np.maximum(distance, 1e-9)[:, np.newaxis]
+    residuals = placed - nearest_line_points(field.line_tables, placed)
+    distance = np.hypot(*residuals.T)
+    normal = residuals / np.maximum(distance, 1e-9)[:, np.newaxis]
     seen = placed - np.array([estimate.pose.x, estimate.pose.y])
     turned = np.column_stack((-seen[:, 1], seen[:, 0]))
     derivative = np.column_stack((normal, np.sum(normal * turned, axis=1), np.sum(normal * seen, axis=1)))

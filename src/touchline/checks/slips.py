@@ -191,11 +191,11 @@ def _points(recording: Recording) -> Iterator[Finding]:
     except InputError:
         return  # the check of the field says so
     x, y = first_rows(table, ("x_m", "y_m")).T
-    away = np.hypot(x, y)
-    away = away[np.isfinite(away)]
-    if len(away) and (middle := float(np.median(away))) > max_range_m:
+    distances = np.hypot(x, y)
+    distances = distances[np.isfinite(distances)]
+    if len(distances) and (middle := float(np.median(distances))) > max_range_m:
         what = f"what was found lies {middle:.4g} m away (median), on a field on which nothing can be farther than "
-        unit = length_unit(float(np.quantile(away, 0.9)), max_range_m)
+        unit = length_unit(float(np.quantile(distances, 0.9)), max_range_m)
         yield _slip(OBSERVATIONS, f"{what}{max_range_m:.0f} m", f"It looks like {unit}; x_m and y_m are in metres.")
 
 

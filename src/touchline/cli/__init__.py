@@ -64,8 +64,8 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
             raise
         if interrupted():  # a library made something else of it
             return _complain("interrupted", INTERRUPTED)
-        said = f"{type(error).__name__}: {error}"
-        return _complain(f"unexpected {said} (touchline --debug {' '.join(given)} shows the traceback)", 1)
+        message = f"{type(error).__name__}: {error}"
+        return _complain(f"unexpected {message} (touchline --debug {' '.join(given)} shows the traceback)", 1)
     if status == INTERRUPTED:  # Typer's word for a Ctrl-C
         return _complain("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else 0
@@ -155,10 +155,10 @@ def _drop_output() -> None:
 
 def _usage_message(error: Exception) -> str:
     """One line of what is wrong with the arguments, and where to read on."""
-    said = str(getattr(error, "format_message", lambda: error)()).strip() or "Missing command or argument"
+    message = str(getattr(error, "format_message", lambda: error)()).strip() or "Missing command or argument"
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "touchline"
-    return f"{said if said.endswith(('.', '?', '!')) else said + '.'} See {command} --help"
+    return f"{message if message.endswith(('.', '?', '!')) else message + '.'} See {command} --help"
 
 
 def _complain(message: str, status: int) -> int:

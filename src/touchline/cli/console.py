@@ -94,14 +94,14 @@ def told_of_compiling(say: Callable[[str], None]) -> Iterator[None]:
     from numba.core import event
 
     class Listener(event.Listener):
-        told = False
+        shown = False
 
         def on_start(self, event: Any) -> None:
-            if not self.told:
+            if not self.shown:
                 say(
                     "compiling the inner loops, once on this machine: some twenty seconds (or ahead: touchline compile)"
                 )
-                self.told = True
+                self.shown = True
 
         def on_end(self, event: Any) -> None: ...
 

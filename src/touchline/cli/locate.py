@@ -85,8 +85,8 @@ def locate(
             say(f"drawn into {picture}")
     if isinstance(found, NoFitError):
         assumed = f" (--field was not given: {model.name} was assumed)" if field is None else ""
-        told = "".join(f". {_better_words(better)}" for better in answer.better)
-        raise NoFitError(f"{source}: {found}{assumed}{told}")
+        others = "".join(f". {_better_words(better)}" for better in answer.better)
+        raise NoFitError(f"{source}: {found}{assumed}{others}")
 
 
 @contextmanager

@@ -60,46 +60,46 @@ class Datagrams:
         """What a datagram says; None if it says nothing yet, or nothing that can be used, which is counted."""
         line, _, behind = datagram.partition(b"\n")
         try:
-            said = json.loads(line)
-            if not isinstance(said, dict):
+            message = json.loads(line)
+            if not isinstance(message, dict):
                 raise InputError("no JSON object")
-            return self._heard(said, behind)
+            return self._heard(message, behind)
         except (InputError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             self.refused[f"a message that can't be used ({_short(error)})"] += 1
             return None
 
-    def _heard(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
-        kind = said.get("kind")
+    def _heard(self, message: Mapping[str, Any], behind: bytes) -> Heard | None:
+        kind = message.get("kind")
         if kind in SENSORS:
-            return Reading(kind, _stamp(said), _numbers(said["values"], SENSORS[kind]))
+            return Reading(kind, _stamp(message), _numbers(message["values"], SENSORS[kind]))
         if kind == "image":
-            return self._image(said, behind)
+            return self._image(message, behind)
         if kind == "points":
-            points = np.asarray(said["points"], dtype=np.float64)
+            points = np.asarray(message["points"], dtype=np.float64)
             if points.size and (points.ndim != 2 or points.shape[1] != 2):
                 raise InputError("points that are no pairs x, y")
             points = points.reshape(-1, 2)[:MAX_OBSERVED_POINTS]
-            return _sight(said, observation=Observation(_stamp(said), points_at(points)))
+            return _sight(message, observation=Observation(_stamp(message), points_at(points)))
         if kind == "seen":
-            rows = [{str(key): _cell(value) for key, value in row.items()} for row in said["rows"]]
-            return _sight(said, observation=observation_of(_stamp(said), rows[:MAX_OBSERVED_POINTS]))
+            rows = [{str(key): _cell(value) for key, value in row.items()} for row in message["rows"]]
+            return _sight(message, observation=observation_of(_stamp(message), rows[:MAX_OBSERVED_POINTS]))
         if kind == "start":
-            return _start(said)
+            return _start(message)
         if kind == "evidence":
-            return _evidence(said)
+            return _evidence(message)
         raise InputError("of no kind that is known")
 
-    def _image(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
-        stamp_ns, part, parts = _stamp(said), said.get("part", 0), said.get("parts", 1)
+    def _image(self, message: Mapping[str, Any], behind: bytes) -> Heard | None:
+        stamp_ns, part, parts = _stamp(message), message.get("part", 0), message.get("parts", 1)
         if not (type(part) is int and type(parts) is int and 0 <= part < parts <= MAX_PARTS):
             raise InputError("parts of an image that are none")
         if parts == 1:
-            return _sight(said, image=behind)
+            return _sight(message, image=behind)
         found = self._waiting.setdefault((stamp_ns, parts), {})
         found[part] = behind
         if len(found) == parts:
             del self._waiting[stamp_ns, parts]
-            return _sight(said, image=b"".join(found[k] for k in sorted(found)))
+            return _sight(message, image=b"".join(found[k] for k in sorted(found)))
         while len(self._waiting) > _MAX_WAITING:
             del self._waiting[next(iter(self._waiting))]
             self.refused["an image of which parts are missing"] += 1
@@ -110,10 +110,10 @@ def image_datagrams(stamp_ns: int, data: bytes, camera: Pose3 | None = None) -> 
     """The datagrams of an image file's content."""
     pieces = [data[at : at + PART_BYTES] for at in range(0, len(data), PART_BYTES)] or [b""]
     for part, piece in enumerate(pieces):
-        said: dict[str, Any] = {"kind": "image", "stamp_ns": stamp_ns, "part": part, "parts": len(pieces)}
+        message: dict[str, Any] = {"kind": "image", "stamp_ns": stamp_ns, "part": part, "parts": len(pieces)}
         if camera is not None:
-            said["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
-        yield _line(said) + piece
+            message["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
+        yield _line(message) + piece
 
 
 def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_bytes: int = MAX_BYTES) -> bytes:
@@ -121,13 +121,13 @@ def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_by
     columns = HEADER.split(",")[1:]
     rows = [dict(zip(columns, row.split(",")[1:], strict=True)) for row in observation_rows(observation)]
     kept = [{key: cell for key, cell in row.items() if cell} for row in rows]
-    said: dict[str, Any] = {"kind": "seen", "stamp_ns": observation.stamp_ns}
+    message: dict[str, Any] = {"kind": "seen", "stamp_ns": observation.stamp_ns}
     if camera is not None:
-        said["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
-    line = _line({**said, "rows": kept})
+        message["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
+    line = _line({**message, "rows": kept})
     while len(line) > most_bytes:
         kept = kept[::2]
-        line = _line({**said, "rows": kept})
+        line = _line({**message, "rows": kept})
     return line
 
 
@@ -156,44 +156,45 @@ def told_datagram(told: Told) -> bytes:
     )
 
 
-def _line(said: Mapping[str, Any]) -> bytes:
-    return json.dumps(said, separators=(",", ":")).encode() + b"\n"
+def _line(message: Mapping[str, Any]) -> bytes:
+    return json.dumps(message, separators=(",", ":")).encode() + b"\n"
 
 
-def _sight(said: Mapping[str, Any], image: bytes | None = None, observation: Observation | None = None) -> Sight:
+def _sight(message: Mapping[str, Any], image: bytes | None = None, observation: Observation | None = None) -> Sight:
     camera = None
-    if said.get("camera") is not None:
-        x, y, z, roll, pitch, yaw = _numbers(said["camera"], 6)
+    if message.get("camera") is not None:
+        x, y, z, roll, pitch, yaw = _numbers(message["camera"], 6)
         camera = Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (x, y, z))
-    return Sight(_stamp(said), time.monotonic(), image, observation, camera)
+    return Sight(_stamp(message), time.monotonic(), image, observation, camera)
 
 
-def _start(said: Mapping[str, Any]) -> Start:
-    pose, covariance = said.get("pose"), said.get("covariance")
-    unknown = set(said) - {"kind", "pose", "covariance", "own_half", "stamp_ns"}
-    if unknown or said.get("own_half", False) not in (True, False):
+def _start(message: Mapping[str, Any]) -> Start:
+    pose, covariance = message.get("pose"), message.get("covariance")
+    unknown = set(message) - {"kind", "pose", "covariance", "own_half", "stamp_ns"}
+    if unknown or message.get("own_half", False) not in (True, False):
         raise InputError("a start that says something else than pose, covariance, or own_half: true")
     return Start(
         None if pose is None else Pose(*_numbers(pose, 3)),
         None if covariance is None else np.reshape(_numbers(covariance, 9), (3, 3)),
-        said.get("own_half") is True,
+        message.get("own_half") is True,
     )
 
 
-def _evidence(said: Mapping[str, Any]) -> Evidence:
-    unknown = set(said) - {"kind", "source", "probability", "own_half", "place_m", "seen_m", "spread_m", "stamp_ns"}
-    if unknown or not isinstance(said["source"], str):
+def _evidence(message: Mapping[str, Any]) -> Evidence:
+    unknown = set(message) - {"kind", "source", "probability", "own_half", "place_m", "seen_m", "spread_m", "stamp_ns"}
+    if unknown or not isinstance(message["source"], str):
         raise InputError("evidence that says something else, or not by whom")
-    places = {key: _numbers(said[key], 2) for key in ("place_m", "seen_m") if said.get(key) is not None}
-    numbers = {key: _numbers([said[key]], 1)[0] for key in ("probability", "spread_m") if said.get(key) is not None}
-    own_half = said.get("own_half")
+    places = {key: _numbers(message[key], 2) for key in ("place_m", "seen_m") if message.get(key) is not None}
+    given = [key for key in ("probability", "spread_m") if message.get(key) is not None]
+    numbers = {key: _numbers([message[key]], 1)[0] for key in given}
+    own_half = message.get("own_half")
     if own_half not in (None, True, False):
         raise InputError("evidence whose own_half is neither true nor false")
-    return Evidence(said["source"][:100], own_half=own_half, **places, **numbers)  # type: ignore[arg-type]
+    return Evidence(message["source"][:100], own_half=own_half, **places, **numbers)  # type: ignore[arg-type]
 
 
-def _stamp(said: Mapping[str, Any]) -> int:
-    stamp = said["stamp_ns"]
+def _stamp(message: Mapping[str, Any]) -> int:
+    stamp = message["stamp_ns"]
     if not isinstance(stamp, int) or isinstance(stamp, bool) or abs(stamp) >= _MAX_STAMP_NS:
         raise InputError("a stamp that is no whole number of nanoseconds")
     return stamp

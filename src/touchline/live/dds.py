@@ -234,8 +234,8 @@ def _peers() -> list[str]:
     """ROS_STATIC_PEERS, unless CYCLONEDDS_URI says all. Raises InputError where ROS is to stay on this machine."""
     reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").strip().upper()
     if os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1" or reach in ("LOCALHOST", "OFF"):
-        said = f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}" if reach in ("LOCALHOST", "OFF") else "ROS_LOCALHOST_ONLY=1"
-        raise InputError(f"--network: {said} says that ROS stays on this machine; unset it, or leave out --network")
+        setting = f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}" if reach in ("LOCALHOST", "OFF") else "ROS_LOCALHOST_ONLY=1"
+        raise InputError(f"--network: {setting} says that ROS stays on this machine; unset it, or leave out --network")
     if os.environ.get("CYCLONEDDS_URI"):
         return []
     return [

@@ -83,9 +83,9 @@ def nearest_ellipse(tinted: FloatArray, ellipses: Ellipses, reach: float = 1.0) 
     for distance, ellipse in zip(distances, ellipses, strict=True):
         u, v = tinted[:, 1] - ellipse.u, tinted[:, 2] - ellipse.v
         (uu, uv), (_, vv) = np.linalg.inv(ellipse.shape)
-        away = uu * u**2 + 2.0 * uv * u * v + vv * v**2
-        within = (away < reach**2) & (tinted[:, 0] > ellipse.low) & (tinted[:, 0] < ellipse.high)
-        distance[within] = away[within]
+        size = uu * u**2 + 2.0 * uv * u * v + vv * v**2
+        within = (size < reach**2) & (tinted[:, 0] > ellipse.low) & (tinted[:, 0] < ellipse.high)
+        distance[within] = size[within]
     return np.where(np.isfinite(distances.min(axis=0)), distances.argmin(axis=0), -1)
 
 

@@ -46,8 +46,8 @@ def open_source(
     files = find_bag(path)
     options = options or BagOptions()
     if files is None and options.given():
-        told = "a recording's folder tells its field and camera itself, in sequence.yaml"
-        raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; {told}")
+        reason = "a recording's folder tells its field and camera itself, in sequence.yaml"
+        raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; {reason}")
     if files is None:
         refuse_other_files(path)
         return Recording(path, follow_links)

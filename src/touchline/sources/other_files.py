@@ -50,8 +50,8 @@ def refuse_other_files(path: Path) -> None:
         f"({_GUIDE})",
         "list": f"is one file of a recording: give its folder, {parent}",
     }
-    told = advice.get(kind, f"is not a recording; expected a folder that holds sequence.yaml and images.csv ({_GUIDE})")
-    raise InputError(f"{path}: {told}")
+    why = advice.get(kind, f"is not a recording; expected a folder that holds sequence.yaml and images.csv ({_GUIDE})")
+    raise InputError(f"{path}: {why}")
 
 
 def _kind_of(path: Path) -> str:

@@ -54,9 +54,9 @@ def belief_of(system: LocalizationSystem, field: FieldModel, seen: Observation) 
     """What one observation alone says of the pose; None of a system without a model of features, and of no features."""
     if not isinstance(system, NimbroLines | Touchline):
         return None
-    told = system.features.settings
-    paper = FeaturePaper(covariances=False, oriented_t=told.paper.oriented_t)
-    settings = told.model_copy(update={"paper": paper})
+    settings = system.features.settings
+    paper = FeaturePaper(covariances=False, oriented_t=settings.paper.oriented_t)
+    settings = settings.model_copy(update={"paper": paper})
     view = Features(system.features.associations, settings, system.features.height_m).of(seen)
     if view.size == 0:
         return None

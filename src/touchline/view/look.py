@@ -82,8 +82,8 @@ class Look:
 
 def _counts(seen: Observation) -> str:
     features = ((len(seen.lines), "line"), (len(seen.crossings), "crossing"), (len(seen.landmarks), "landmark"))
-    told = [counted(len(seen.points), "line point"), *(counted(count, what) for count, what in features if count)]
-    return ", ".join(told)
+    parts = [counted(len(seen.points), "line point"), *(counted(count, what) for count, what in features if count)]
+    return ", ".join(parts)
 
 
 def look_at_recording(

@@ -28,13 +28,13 @@ _STRAIGHT_RAD = {2: math.radians(45.0), 3: math.radians(60.0), 4: math.radians(4
 _CONFIDENCE = 0.8
 
 
-def crossings_in_cells(structure: Structure, plane: ImagePlane, farthest_m: float) -> FloatArray:
+def crossings_in_cells(structure: Structure, plane: ImagePlane, max_range_m: float) -> FloatArray:
     """The verified key nodes (K, 5): number of arms, x, y (m, robot frame), orientation (rad), confidence."""
     graph, corners = key_nodes(structure.graph)
     ground = grounds_from_pixels(plane, cell_pixels(corners[:, :2]))
     found: list[tuple[float, ...]] = []
     for (column, row, degree, node), place in zip(corners, ground, strict=True):
-        if degree not in _STRAIGHT_RAD or not math.hypot(*place) <= farthest_m:
+        if degree not in _STRAIGHT_RAD or not math.hypot(*place) <= max_range_m:
             continue
         angles = white_runs(structure.counts, column, row)
         if len(angles) != degree or not _ways_are_white(graph, int(node), structure.smooth):

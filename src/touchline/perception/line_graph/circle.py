@@ -39,8 +39,8 @@ class Circle(NamedTuple):
     def follows(self, ends_m: FloatArray) -> bool:
         """Whether a line's ends (2, 2) are those of an arc, though profiles may have drawn it out beyond the circle."""
         points = np.linspace(ends_m[0], ends_m[1], _ARC_SAMPLES)
-        away = np.hypot(points[:, 0] - self.x, points[:, 1] - self.y)
-        on = np.abs(away - self.radius_m) < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * np.hypot(*points.T)
+        distance = np.hypot(points[:, 0] - self.x, points[:, 1] - self.y)
+        on = np.abs(distance - self.radius_m) < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * np.hypot(*points.T)
         along, out = ends_m[1] - ends_m[0], points.mean(axis=0) - (self.x, self.y)
         radial = abs(along @ out) / max(np.hypot(*along) * np.hypot(*out), 1e-9)
         return bool(on.mean() >= _ARC_SHARE and radial < _ARC_COS)
@@ -67,13 +67,13 @@ def without_arcs(lines: Lines, circle: Circle) -> Lines:
 
 
 def find_circle(
-    graph: Graph, ground: FloatArray, lines_m: FloatArray, radius_m: float, farthest_m: float
+    graph: Graph, ground: FloatArray, lines_m: FloatArray, radius_m: float, max_range_m: float
 ) -> Circle | None:
     """The circle of a known radius that most nodes lie on which no long line passes; None where less than 105° is seen.
 
     ground: (N, 2) ground points of the graph's nodes (m); NaN above the horizon. lines_m: (L, 2, 2) ends of the lines.
     """
-    tangents = _tangents(graph, ground, farthest_m)
+    tangents = _tangents(graph, ground, max_range_m)
     _leave_out(ground, lines_m, _LONG * radius_m, tangents)
     found = np.empty(4)
     if not _best_circle(ground, tangents, radius_m, found):
@@ -82,11 +82,11 @@ def find_circle(
 
 
 @njit(cache=True, error_model="numpy")
-def _tangents(graph: Graph, ground: FloatArray, farthest_m: float) -> FloatArray:
+def _tangents(graph: Graph, ground: FloatArray, max_range_m: float) -> FloatArray:
     """(N, 2) unit directions of the line at nodes of degree two within a range; NaN of the others."""
     tangents = np.full((len(ground), 2), np.nan)
     for node in range(len(ground)):
-        if graph.degrees[node] != 2 or not math.hypot(ground[node, 0], ground[node, 1]) <= farthest_m:
+        if graph.degrees[node] != 2 or not math.hypot(ground[node, 0], ground[node, 1]) <= max_range_m:
             continue
         a, b = graph.links[node, 0], graph.links[node, 1]
         x, y = ground[b, 0] - ground[a, 0], ground[b, 1] - ground[a, 1]
@@ -121,11 +121,11 @@ def _members(
     for node in range(len(ground)):
         use[node] = False
         dx, dy = ground[node, 0] - x, ground[node, 1] - y
-        away = math.hypot(dx, dy)
+        distance = math.hypot(dx, dy)
         slack = _NEAR_M + _NEAR_RATIO * math.hypot(ground[node, 0], ground[node, 1])
-        if not (abs(away - radius_m) < slack and away > 0.0):
+        if not (abs(distance - radius_m) < slack and distance > 0.0):
             continue
-        if not abs(dx * tangents[node, 1] - dy * tangents[node, 0]) > _TANGENT_COS * away:
+        if not abs(dx * tangents[node, 1] - dy * tangents[node, 0]) > _TANGENT_COS * distance:
             continue
         use[node] = True
         sectors[int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * _SECTORS) % _SECTORS] = True
@@ -157,8 +157,8 @@ def _best_circle(ground: FloatArray, tangents: FloatArray, radius_m: float, foun
             if not use[node]:
                 continue
             dx, dy = found[0] - ground[node, 0], found[1] - ground[node, 1]
-            away = math.hypot(dx, dy)
-            dx, dy, off = dx / away, dy / away, radius_m - away
+            distance = math.hypot(dx, dy)
+            dx, dy, off = dx / distance, dy / distance, radius_m - distance
             a, b, c, p, q = a + dx * dx, b + dx * dy, c + dy * dy, p + dx * off, q + dy * off
             squares, count = squares + off * off, count + 1
         det = a * c - b * b

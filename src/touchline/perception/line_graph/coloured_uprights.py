@@ -187,18 +187,18 @@ def _measure(
         return False
     x, y = plane_from_pixel(plane.lens, out[_U], out[_V])
     px, py = transformed(plane.ground, x, y)
-    away = math.hypot(px - plane.foot[0], py - plane.foot[1])
+    distance = math.hypot(px - plane.foot[0], py - plane.foot[1])
     column = min(max(int(out[_U] / CELL_PX), 0), columns - 1)
-    if not math.isfinite(away) or rows - bottom > ends[column] + 1.0:
+    if not math.isfinite(distance) or rows - bottom > ends[column] + 1.0:
         return False  # above the horizon, or it stands beyond the field
-    cells = plane.lens.pinhole[0] / CELL_PX / away
+    cells = plane.lens.pinhole[0] / CELL_PX / distance
     out[_CUT] = 1.0 if top == 0 else 0.0
     if width > _MAX_WIDTH * limits[1] * cells + 2.0 or (size < _MIN_HEIGHT * limits[0] * cells and top > 0):
         return False
     top = _bands(spans[:size], out)
-    out[_HEIGHT] = _height(plane, out[_U], CELL_PX * top, away)
+    out[_HEIGHT] = _height(plane, out[_U], CELL_PX * top, distance)
     above = _height(plane, out[_U], out[_V], 0.0)
-    out[_WIDTH] *= math.hypot(away, above) / plane.lens.pinhole[0]
+    out[_WIDTH] *= math.hypot(distance, above) / plane.lens.pinhole[0]
     return True
 
 
@@ -272,7 +272,7 @@ def _code(image: ImageArray, table: npt.NDArray[np.uint8], u: int, v: int) -> in
 
 
 @njit(cache=True, error_model="numpy")
-def _height(plane: ImagePlane, u: float, v: float, away: float) -> float:
+def _height(plane: ImagePlane, u: float, v: float, distance: float) -> float:
     """How high (m) above the ground a pixel shows what is so far (m) from the camera's foot."""
     x, y = plane_from_pixel(plane.lens, u, v)
     h, foot = plane.ground, plane.foot
@@ -280,7 +280,7 @@ def _height(plane: ImagePlane, u: float, v: float, away: float) -> float:
     ahead = h[0, 0] * x + h[0, 1] * y + h[0, 2] - foot[0] * w
     aside = h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w
     above = math.sqrt(np.sum((h[0] - foot[0] * h[2]) ** 2))
-    height: float = above * (1.0 - away * w / max(math.hypot(ahead, aside), 1e-9))
+    height: float = above * (1.0 - distance * w / max(math.hypot(ahead, aside), 1e-9))
     return height
 
 

@@ -87,12 +87,12 @@ def _as_crossings(found: FloatArray, plane: ImagePlane, settings: LineGraphSetti
 
 
 @njit(cache=True, error_model="numpy")
-def _verify(pixels, plane, candidates, by_paths, ends_m, farthest_m, found):  # type: ignore[no-untyped-def]
+def _verify(pixels, plane, candidates, by_paths, ends_m, max_range_m, found):  # type: ignore[no-untyped-def]
     """Verify candidates (C, 2), of which the first so many may be told by paths; see `verified` for a row of found."""
     count = 0
     for k in range(len(candidates)):
         x, y = candidates[k]
-        if not math.hypot(x, y) <= farthest_m or count == len(found) or _is_known(x, y, found[:count], pixels):
+        if not math.hypot(x, y) <= max_range_m or count == len(found) or _is_known(x, y, found[:count], pixels):
             continue
         sure = verified(pixels, plane, x, y, found[count])
         if not sure and k < by_paths:
@@ -164,12 +164,12 @@ def _along_lines(pixels: Pixels, plane: ImagePlane, x: float, y: float, ends_m: 
 
     An arm is there where profiles show a line, and not where there is carpet; without a word on each there is none.
     """
-    away = np.empty(len(ends_m))
+    distance = np.empty(len(ends_m))
     for k in range(len(ends_m)):
         dx, dy = ends_m[k, 1, 0] - ends_m[k, 0, 0], ends_m[k, 1, 1] - ends_m[k, 0, 1]
-        away[k] = abs((x - ends_m[k, 0, 0]) * dy - (y - ends_m[k, 0, 1]) * dx) / math.hypot(dx, dy)
+        distance[k] = abs((x - ends_m[k, 0, 0]) * dy - (y - ends_m[k, 0, 1]) * dx) / math.hypot(dx, dy)
     angles, count = np.empty(4), 0
-    for k in order_of(away)[:2]:
+    for k in order_of(distance)[:2]:
         heading = math.atan2(ends_m[k, 1, 1] - ends_m[k, 0, 1], ends_m[k, 1, 0] - ends_m[k, 0, 0])
         for angle in (heading, heading + math.pi):
             shown = read_arm(pixels, plane, x, y, angle)
@@ -191,8 +191,8 @@ def read_arm(pixels: Pixels, plane: ImagePlane, x: float, y: float, angle: float
     painted, near, bare = 0, 0, 0
     width, height = plane.size[0], plane.size[1]
     for k in range(_PATH_STEPS):
-        away = (_PATH_FIRST + k * _PATH_STEP) * pixels.width_m
-        px, py = x + away * c, y + away * s
+        distance = (_PATH_FIRST + k * _PATH_STEP) * pixels.width_m
+        px, py = x + distance * c, y + distance * s
         if read_profile(pixels, plane, px, py, -s, c, found, NEAR_PX) == LINE:
             painted += 1
             near += k < _PATH_NEAR

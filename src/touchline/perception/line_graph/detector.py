@@ -150,9 +150,9 @@ class LineGraphDetector:
         plane = image_plane(self.lens, view)
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
         ground = grounds_from_pixels(plane, np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
-        away = np.hypot(*ground.T).reshape(u.shape)
-        around = away <= self.settings.farthest_m
-        near = away <= max(_NEAR_M, float(np.quantile(away[around], 0.25)) if around.any() else _NEAR_M)
+        ranges_m = np.hypot(*ground.T).reshape(u.shape)
+        around = ranges_m <= self.settings.max_range_m
+        near = ranges_m <= max(_NEAR_M, float(np.quantile(ranges_m[around], 0.25)) if around.any() else _NEAR_M)
         return near, around
 
     def _circle(self, structure: Structure, plane: ImagePlane, ends_m: FloatArray) -> Circle | None:

@@ -47,7 +47,7 @@ class LineLimits(NamedTuple):
     radius_m: float
     min_m: float
     min_px: float
-    farthest_m: float
+    max_range_m: float
 
 
 class FoundLines(NamedTuple):
@@ -77,7 +77,7 @@ def find_lines(
     candidates = candidates[np.argsort(-lengths, kind="stable")]
     subpixel = settings.paper.subpixel
     least_m = max(settings.min_line_m, 0.0 if subpixel else _ROUGH_M)
-    limits = LineLimits(subpixel, radius_m, least_m, settings.min_line_px, settings.farthest_m)
+    limits = LineLimits(subpixel, radius_m, least_m, settings.min_line_px, settings.max_range_m)
     points, confidences = np.empty((_MAX_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
     lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
     return _without_faint(FoundLines(candidates[:lines], confidences[:lines], points[:total]))
@@ -179,7 +179,7 @@ def _is_long(line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
     focal = plane.lens.pinhole[0]
     long = math.hypot(bx - ax, by - ay) >= limits.min_m
     long = long and focal * math.hypot(line[2] - line[0], line[3] - line[1]) >= limits.min_px
-    return bool(long and min(math.hypot(ax, ay), math.hypot(bx, by)) <= limits.farthest_m)
+    return bool(long and min(math.hypot(ax, ay), math.hypot(bx, by)) <= limits.max_range_m)
 
 
 @njit(cache=True, error_model="numpy")

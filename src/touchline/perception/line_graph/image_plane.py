@@ -161,15 +161,12 @@ def ground_covariances(plane: ImagePlane, pixels: FloatArray, noise_px: float, n
 
 
 @njit(cache=True, error_model="numpy")
-def horizon_rows(plane: ImagePlane, columns: int, rows: int, farthest_m: float, out: FloatArray) -> None:
-    """The highest row of cells in each column that sees ground no farther than farthest_m, into out (columns,)."""
+def horizon_rows(plane: ImagePlane, columns: int, rows: int, out: FloatArray) -> None:
+    """The highest row of cells in each column that sees ground, into out (columns,)."""
     for column in range(columns):
-        highest = 0
+        out[column] = rows
         for row in range(rows):
             u, v = CELL_PX * column + 0.5 * (CELL_PX - 1), CELL_PX * row + 0.5 * (CELL_PX - 1)
-            x, y = ground_from_pixel(plane, u, v)
-            if math.hypot(x, y) <= farthest_m:
-                highest = row
+            if not math.isnan(ground_from_pixel(plane, u, v)[0]):
+                out[column] = row
                 break
-            highest = row + 1
-        out[column] = highest

@@ -84,9 +84,9 @@ def _coloured(uprights: list[Upright], field: FieldModel, settings: LineGraphSet
         post = _post_like(upright, field)
         if post is None or not _TIGHTEST * post.diameter < upright.width_m < _LOOSEST * post.diameter:
             continue
-        away = float(np.hypot(*upright.place))
-        place = upright.place * (1.0 + 0.5 * post.diameter / max(away, 0.1))
-        if away <= settings.farthest_m and all(np.hypot(*(place - one.upright.place)) > _SAME_M for one in found):
+        range_m = float(np.hypot(*upright.place))
+        place = upright.place * (1.0 + 0.5 * post.diameter / max(range_m, 0.1))
+        if range_m <= settings.max_range_m and all(np.hypot(*(place - one.upright.place)) > _SAME_M for one in found):
             kind = LandmarkKind.POST if post.kind == "goal" else LandmarkKind.POLE
             found.append(_Landmark(kind, upright._replace(place=place, colors=post.colors_from_ground), 0.8))
     return found
@@ -100,7 +100,7 @@ def _white_posts(
         return []
     return [
         _Landmark(LandmarkKind.POST, Upright(ridge.place, ridge.pixel, _WHITE), ridge.share, (2.0, 0.03))
-        for ridge in find_white_posts(pixels, lines, plane, white[0], settings.farthest_m)
+        for ridge in find_white_posts(pixels, lines, plane, white[0], settings.max_range_m)
     ]
 
 

@@ -83,7 +83,7 @@ class LineGraphSettings(Settings):
         "learned from the first images, and again when the green fades",
     )
     learning_frames: int = Field(5, ge=1, le=1_000, description="first images that the colours are learned from")
-    farthest_m: float = Field(8.0, gt=0, description="ground beyond this range is not looked at (m)")
+    max_range_m: float = Field(8.0, gt=0, description="ground beyond this range is not looked at (m)")
     pixel_threshold: float = Field(0.3, ge=0, le=1, description="t_pix: field colour of a cell, as a share")
     row_threshold: float = Field(0.6, ge=0, le=1, description="t_row: mean field colour of two rows of cells")
     window_threshold: float = Field(0.45, ge=0, le=1, description="t_win: mean field colour of the window below a cell")

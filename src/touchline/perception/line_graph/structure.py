@@ -101,7 +101,7 @@ def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings
     limits = BoundaryThresholds(settings.pixel_threshold, settings.row_threshold, settings.window_threshold)
     binarize(merged, limits, field)
     horizon, rough, ends = np.empty(columns), np.empty(columns), np.empty(columns)
-    horizon_rows(plane, columns, rows, np.inf, horizon)
+    horizon_rows(plane, columns, rows, horizon)
     scan_columns(field, counts, horizon, settings.paper.plain_boundary, rough)
     if not settings.paper.plain_boundary:
         cut_to_edges(plane.lens, counts, rough)

@@ -43,7 +43,7 @@ class Ridge(NamedTuple):
     pixel: FloatArray
 
 
-def find_white_posts(pixels: Pixels, lines: Lines, plane: ImagePlane, post: Post, farthest_m: float) -> list[Ridge]:
+def find_white_posts(pixels: Pixels, lines: Lines, plane: ImagePlane, post: Post, max_range_m: float) -> list[Ridge]:
     """Posts like this one on the lines, the surest first."""
     found: list[Ridge] = []
     for ends in lines.ends_m:
@@ -53,7 +53,7 @@ def find_white_posts(pixels: Pixels, lines: Lines, plane: ImagePlane, post: Post
         along = (ends[1] - ends[0]) / length
         steps = np.arange(-_BEYOND_M, length + _BEYOND_M, _STEP * post.diameter)
         places = ends[0] + steps[:, np.newaxis] * along
-        places = places[np.hypot(*places.T) <= farthest_m]
+        places = places[np.hypot(*places.T) <= max_range_m]
         found += _peaks(places, _ridges(pixels, plane, places, post.diameter, post.height))
     kept: list[Ridge] = []
     for ridge in sorted(found, key=lambda ridge: -ridge.share):
@@ -88,8 +88,8 @@ def _ridges(pixels: Pixels, plane: ImagePlane, places: FloatArray, diameter: flo
         nu, nv = _pixel_above(plane, above, places[i], _GLANCE * height)
         if not _whiteness(pixels, nu, nv) > _WHITE:
             continue
-        away = math.sqrt((places[i, 0] - foot[0]) ** 2 + (places[i, 1] - foot[1]) ** 2 + above**2)
-        width = plane.lens.pinhole[0] * diameter / away
+        distance = math.sqrt((places[i, 0] - foot[0]) ** 2 + (places[i, 1] - foot[1]) ** 2 + above**2)
+        width = plane.lens.pinhole[0] * diameter / distance
         if width < _MIN_WIDTH_PX:
             continue
         rows[i, 2], rows[i, 3] = u, v

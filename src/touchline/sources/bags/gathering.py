@@ -40,8 +40,8 @@ class Gathering(Generic[T]):
         """Stamps and what was found, in the order of time."""
         for stamp_ns in sorted(self._held):
             since_ns, parts, held = self._held[stamp_ns]
-            said = all(part in parts or newest > stamp_ns for part, newest in self._newest.items())
-            if not said and now_ns - since_ns < self._wait_ns:
+            complete = all(part in parts or newest > stamp_ns for part, newest in self._newest.items())
+            if not complete and now_ns - since_ns < self._wait_ns:
                 return
             del self._held[stamp_ns]
             self._last_ns = stamp_ns

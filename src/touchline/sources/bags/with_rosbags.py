@@ -133,12 +133,12 @@ class Codec:
         """A message of a ROS 2 type. A message within may be the mapping of its fields; what isn't named is zero, or
         empty.
         """
-        own = {name: self._field(told, fields.pop(name, None)) for name, told in self.standard.fielddefs[kind][1]}
+        own = {name: self._field(of, fields.pop(name, None)) for name, of in self.standard.fielddefs[kind][1]}
         return self.standard.types[kind](**own, **fields)  # which refuses what is left
 
-    def _field(self, told: Any, value: Any) -> Any:
-        """A field as its message wants it. told: node and type, as rosbags has them."""
-        node, inner = told
+    def _field(self, of: Any, value: Any) -> Any:
+        """A field as its message wants it. of: node and type, as rosbags has them."""
+        node, inner = of
         if node == Nodetype.NAME:
             return self.make(inner, **(value or {})) if value is None or isinstance(value, Mapping) else value
         if node == Nodetype.BASE:
@@ -252,8 +252,8 @@ def _check_tables(path: Path) -> None:
     """Raises UnreadableError for a database that would compute its rows, maybe without end, or has one of any size."""
     broken = (sqlite3.Error, UnicodeDecodeError)  # of text, also of an error's: rosbags says what cannot be read
     with suppress(*broken), closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
-        told = database.execute("SELECT CAST(sql AS BLOB) FROM sqlite_master WHERE type IN ('table', 'view')")
-        for (statement,) in told:
+        tables = database.execute("SELECT CAST(sql AS BLOB) FROM sqlite_master WHERE type IN ('table', 'view')")
+        for (statement,) in tables:
             if statement is not None and _COMPUTED.search(bytes(statement)):
                 raise UnreadableError(path, "is no bag: it holds a view or computed columns")
         (largest,) = database.execute("SELECT max(length(data)) FROM messages").fetchone()

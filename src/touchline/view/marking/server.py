@@ -31,8 +31,8 @@ class MarkServer:
 
     def __init__(self, images: Mapping[str, bytes], save: Save, port: int = 0, page: str | None = None) -> None:
         names = list(images)
-        told = json.dumps({"files": names, "classes": CLASSES}).replace("</", "<\\/")
-        text = (read_text(_PAGE, _MAX_BYTES) if page is None else page).replace("/*TOLD*/", told)
+        listed = json.dumps({"files": names, "classes": CLASSES}).replace("</", "<\\/")
+        text = (read_text(_PAGE, _MAX_BYTES) if page is None else page).replace("/*TOLD*/", listed)
         self._token = secrets.token_urlsafe(16)
         self._server = ThreadingHTTPServer((_LOOPBACK, port), self._handler(text, list(images.values()), save))
         self._server.daemon_threads = True

@@ -62,9 +62,9 @@ def layout(field_m: tuple[float, float], errors: bool) -> Any:
         background=rgb(_CARPET),
         overrides={f"{FIELD}/{path}": blueprint.VisibleTimeRanges(everything) for path in ("path", "truth")},
     )
-    told = (blueprint.TextDocumentView(origin=ABOUT, name="About"), blueprint.TextLogView(origin=LOG, name="Problems"))
+    texts = (blueprint.TextDocumentView(origin=ABOUT, name="About"), blueprint.TextLogView(origin=LOG, name="Problems"))
     left = blueprint.Vertical(
-        blueprint.Spatial2DView(origin=CAMERA, name="Camera"), blueprint.Tabs(above, *told), row_shares=[1, 1]
+        blueprint.Spatial2DView(origin=CAMERA, name="Camera"), blueprint.Tabs(above, *texts), row_shares=[1, 1]
     )
     groups = (("Errors", ERRORS if errors else ()), ("Measured", MEASURED))
     curves = [
