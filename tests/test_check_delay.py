@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from touchline.checks.delay import find_delay
 from touchline.checks.findings import Severity
 from touchline.checks.lines import check_lines, chosen_frames
 from touchline.checks.survey import take_survey
 from touchline.geometry import FloatArray, Pose
-from touchline.motion.delay import find_delay
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

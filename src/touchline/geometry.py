@@ -28,11 +28,18 @@ def wrap_angles(angles_rad: npt.ArrayLike) -> FloatArray:
     return np.where(wrapped <= -np.pi, np.pi, wrapped)
 
 
-def circular_mean(angles_rad: npt.ArrayLike, weights: npt.ArrayLike | None = None) -> float:
-    """Direction of the (weighted) mean of unit vectors; angles (N,), weights (N,) non-negative."""
+def circular_mean(angles_rad: npt.ArrayLike) -> float:
+    """Direction of the mean of unit vectors at angles (N,)."""
     angles = np.asarray(angles_rad, dtype=np.float64)
-    scale = np.ones_like(angles) if weights is None else np.asarray(weights, dtype=np.float64)
-    return wrap_angle(math.atan2(float(np.sum(scale * np.sin(angles))), float(np.sum(scale * np.cos(angles)))))
+    return wrap_angle(math.atan2(float(np.sum(np.sin(angles))), float(np.sum(np.cos(angles)))))
+
+
+def pairs_of(points: npt.ArrayLike) -> FloatArray:
+    """Points (N, 2) as a table of float64. Raises ValueError for another shape."""
+    table = np.ascontiguousarray(points, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != 2:
+        raise ValueError(f"points need the shape (N, 2), got {table.shape}")
+    return table
 
 
 def runs_of(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:

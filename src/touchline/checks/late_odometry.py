@@ -11,10 +11,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from touchline.checks.delay import Delay
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.field import FieldModel
@@ -31,13 +32,6 @@ _MAX_RAD = math.radians(6.0)  # of a correction: more is another pose
 _TOGETHER = 4.0  # standard deviations are larger by: corrections err together, as walks of a minute show
 _LATE_S = 0.03  # that is told: 3 cm at 1 m/s
 _SURE = 2.0  # standard deviations
-
-
-class Late(NamedTuple):
-    """How late odometry comes (s), and its standard deviation (s)."""
-
-    late_s: float
-    deviation_s: float
 
 
 def check_late_odometry(survey: Survey) -> Iterator[Finding]:
@@ -59,7 +53,7 @@ def check_late_odometry(survey: Survey) -> Iterator[Finding]:
     yield Finding("delay", Severity.WARNING, "odometry.csv", what, advice)
 
 
-def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
+def find_late(field: FieldModel, frames: Sequence[Frame]) -> Delay | None:
     """How late the samples of frames with features come; None where that is not shown: the robot hardly turns."""
     if len(frames) < _MIN_STEPS:
         return None
@@ -79,7 +73,7 @@ def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
     if count < _MIN_STEPS or not bend > 0.0 or not math.isfinite(bend):
         return None
     deviation_s = _STEP_S * math.sqrt(2.0 * here / (count * bend))
-    return Late(best + 0.5 * _STEP_S * (before - after) / bend, _TOGETHER * deviation_s)
+    return Delay(best + 0.5 * _STEP_S * (before - after) / bend, _TOGETHER * deviation_s)
 
 
 def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> FloatArray:
@@ -88,14 +82,13 @@ def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> F
     # a scale of the turns that is learned would take up a part of it
     system = open_system(_SYSTEM, RobotSetup(field, None), {"odometry.turn_scale": 0.0})
     estimates = [system.step(frame) for frame in shifted]
-    odometries = [frame.odometry for frame in shifted if frame.odometry is not None]
-    if not odometries:
+    odometry = Samples.joined(frame.odometry for frame in shifted)
+    if odometry is None:
         return np.zeros(0)
-    stamps_ns = np.concatenate([samples.stamp_ns for samples in odometries]).astype(np.float64)
-    turned = np.unwrap(np.concatenate([samples.values[:, 2] for samples in odometries]))
     at_ns = np.array([estimate.stamp_ns for estimate in estimates], dtype=np.float64)
     headings = np.array([estimate.pose.heading for estimate in estimates])
-    steps = wrap_angles(np.diff(headings) - np.diff(np.interp(at_ns, stamps_ns, turned)))
+    turned = np.interp(at_ns, odometry.stamp_ns.astype(np.float64), np.unwrap(odometry.values[:, 2]))
+    steps = wrap_angles(np.diff(headings) - np.diff(turned))
     tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
     kept = tracking[1:] & tracking[:-1] & (np.abs(steps) > 1e-9)
     kept[:_FIRST_STEPS] = False
@@ -106,17 +99,14 @@ def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> F
 def _redealt(frames: Sequence[Frame], late_ns: int) -> Iterator[Frame]:
     """Frames whose samples of motion were measured so much earlier than they say."""
     sensors = ("odometry", "gyro", "tilt", "compass")
-    rows = {}
-    for sensor in sensors:
-        parts = [samples for frame in frames if (samples := getattr(frame, sensor)) is not None and len(samples)]
-        if parts:
-            stamps_ns = np.concatenate([part.stamp_ns for part in parts]) - late_ns
-            rows[sensor] = stamps_ns, np.concatenate([part.values for part in parts])
-    ends = dict.fromkeys(rows, 0)
+    joined = {sensor: Samples.joined(getattr(frame, sensor) for frame in frames) for sensor in sensors}
+    ends = dict.fromkeys(sensors, 0)
     for frame in frames:
         dealt: dict[str, Any] = dict.fromkeys(sensors)
-        for sensor, (stamps_ns, values) in rows.items():
-            begin, ends[sensor] = ends[sensor], int(np.searchsorted(stamps_ns, frame.stamp_ns, side="right"))
-            if ends[sensor] > begin:
-                dealt[sensor] = Samples(stamps_ns[begin : ends[sensor]], values[begin : ends[sensor]])
+        for sensor, samples in joined.items():
+            if samples is not None:
+                begin, end = ends[sensor], int(samples.stamp_ns.searchsorted(frame.stamp_ns + late_ns, side="right"))
+                if end > begin:
+                    dealt[sensor] = Samples(samples.stamp_ns[begin:end] - late_ns, samples.values[begin:end])
+                ends[sensor] = end
         yield replace(frame, **dealt)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from touchline.checks.delay import find_delay
 from touchline.checks.findings import Finding, Severity, graded, too_few
 from touchline.checks.survey import Survey
 from touchline.field import FieldModel
@@ -15,7 +16,6 @@ from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M
 from touchline.localization.registration.learned_mirror import LearnedMirror
-from touchline.motion.delay import find_delay
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.systems import RobotSetup, open_system
@@ -49,8 +49,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     estimates, looked, odometry = [], 0, []
     chosen = chosen_frames(len(recording))
     for index, frame in enumerate(recording.again(chosen)):
-        if frame.odometry is not None:
-            odometry.append(frame.odometry)
+        odometry.append(frame.odometry)
         if frame.observation is None and (frame.image is None or is_covered(frame.image)):
             continue
         looked += 1
@@ -152,12 +151,10 @@ def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Ite
         yield Finding("ranges", Severity.WARNING, CAMERA, what, advice)
 
 
-def _late(estimates: list[Estimate], odometry: list[Samples]) -> Iterator[Finding]:
+def _late(estimates: list[Estimate], odometry: list[Samples | None]) -> Iterator[Finding]:
     """A constant delay of the images' stamps, by how the poses follow the odometry."""
-    if not odometry:
-        return
-    stamps_ns = np.concatenate([samples.stamp_ns for samples in odometry])
-    found = find_delay(estimates, Samples(stamps_ns, np.concatenate([samples.values for samples in odometry])))
+    samples = Samples.joined(odometry)
+    found = None if samples is None else find_delay(estimates, samples)
     if found is None or abs(found.late_s) < _LATE_S + 3.0 * found.deviation_s:
         return
     what = (

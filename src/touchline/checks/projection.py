@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from touchline.camera import PERSPECTIVE_MODELS, Camera, field_of_view
-from touchline.checks.findings import Finding, Severity, graded
+from touchline.checks.findings import Finding, Severity, graded, too_few
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
 from touchline.field import FieldModel
@@ -83,8 +83,7 @@ def check_projection(survey: Survey) -> Iterator[Finding]:
             offsets.append(off[np.isfinite(off)])
             turns.append(turn)
     if looked < _MIN_FRAMES:
-        what = f"too few images to tell whether the camera is mounted as camera.yaml says: {looked} usable"
-        yield Finding("projection", Severity.NOTE, CAMERA, what)
+        yield too_few("projection", CAMERA, "whether the camera is mounted as camera.yaml says", looked, _MIN_FRAMES)
         return
     if len(turns) < max(_MIN_FRAMES, looked // 2):
         what = f"field lines are found in {len(turns)} of {looked} images where the true poses put them"

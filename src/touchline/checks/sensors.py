@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import PERSPECTIVE_MODELS
+from touchline.checks.delay import base_steps
 from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
 from touchline.field.association import FieldAssociations
-from touchline.geometry import FloatArray, runs_of, wrap_angles
+from touchline.geometry import FloatArray, runs_of
 from touchline.sources.description import FIELD, finite_number
 from touchline.sources.folder import SENSOR_COLUMNS
 from touchline.sources.problems import Problem, ProblemKind
@@ -208,16 +209,9 @@ def over_windows(steps: FloatArray, stamps_s: FloatArray) -> npt.NDArray[np.comp
 
 def _base_steps(survey: Survey) -> FloatArray:
     """(N - 1, 2) odometry's travel between images in the base frame (m); NaN where it turns by more than 0.3 rad."""
-    steps = base_steps(np.column_stack([survey.column(name) for name in ("x", "y", "theta")]))
+    steps = base_steps(np.column_stack([survey.column(name) for name in ("x", "y", "theta")]))[:, :2]
     steps[~(np.abs(survey.turns("theta")) < 0.3)] = np.nan
     return steps
-
-
-def base_steps(poses: FloatArray) -> FloatArray:
-    """(N - 1, 2) travel between poses (N, 3) in the base frame (m), by the heading half way."""
-    moved = np.diff(poses[:, 0]) + 1j * np.diff(poses[:, 1])
-    local = moved * np.exp(-1j * (poses[:-1, 2] + 0.5 * wrap_angles(np.diff(poses[:, 2]))))
-    return np.column_stack((local.real, local.imag))
 
 
 def _agreement(a: npt.NDArray[np.complex128], b: npt.NDArray[np.complex128]) -> Agreement:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from touchline.checks.delay import base_steps
 from touchline.checks.findings import Finding, Severity, graded
-from touchline.checks.sensors import base_steps, compare_travel
+from touchline.checks.sensors import compare_travel
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
@@ -176,6 +177,6 @@ def _omni_oddities(camera: OmniCamera) -> Iterator[Finding]:
 
 def _true_steps(poses: FloatArray, stamps_s: FloatArray) -> FloatArray:
     """(N - 1, 2) travel in the base frame (m); NaN where the robot was put elsewhere."""
-    steps = base_steps(poses)
+    steps = base_steps(poses)[:, :2]
     steps[np.hypot(*np.diff(poses[:, :2], axis=0).T) > _FASTEST_M_S * np.diff(stamps_s)] = np.nan
     return steps

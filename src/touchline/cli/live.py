@@ -132,7 +132,7 @@ def live(
         _require_dds()
         from touchline.live.dds import DdsLink
 
-        link = DdsLink(named, base, namespace, network, localizer.camera, late)
+        link = DdsLink(named, base, namespace, localizer.camera, late, network=network)
     else:
         from touchline.live.udp import UdpLink
 

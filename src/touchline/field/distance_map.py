@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, pairs_of
 
 
 class MapTable(NamedTuple):
@@ -44,10 +44,7 @@ class DistanceMap:
 
         Outside the map the value at the nearest point of its edge is returned.
         """
-        places = np.ascontiguousarray(points, dtype=np.float64)
-        if places.ndim != 2 or places.shape[1] != 2:
-            raise ValueError(f"points need the shape (N, 2), got {places.shape}")
-        found = _look_up_all(self.table, places)
+        found = _look_up_all(self.table, pairs_of(points))
         return found[:, 0], found[:, 1:]
 
 

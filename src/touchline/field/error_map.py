@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.field.model import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, pairs_of
 from touchline.types import ImageArray
 
 MAX_ERROR = 255  # the map's unit is this many times smaller than the distance at which it ends
@@ -31,10 +31,8 @@ class ErrorMap:
 
     def look_up(self, points: npt.ArrayLike) -> ImageArray:
         """Errors (N,) of the samples nearest to points (N, 2) in m, field frame: d(o) of equation (8)."""
-        table = np.ascontiguousarray(points, dtype=np.float64)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise ValueError(f"points need the shape (N, 2), got {table.shape}")
-        found: ImageArray = _look_up_all(self.values, self.origin_m[0], self.origin_m[1], self.resolution_m, table)
+        places = pairs_of(points)
+        found: ImageArray = _look_up_all(self.values, self.origin_m[0], self.origin_m[1], self.resolution_m, places)
         return found
 
     def picture(self) -> ImageArray:

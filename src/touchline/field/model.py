@@ -26,7 +26,7 @@ from touchline.field.distances import (
 )
 from touchline.field.svg import field_svg
 from touchline.files.new import write_new_file
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, pairs_of
 from touchline.messages import length_unit
 
 MAX_M = 200.0  # of a field's sides: a football field for people has 120
@@ -34,7 +34,7 @@ _MAX_LINE_M = 1.0
 MAX_LINES = 1_000  # of each kind: the crossings of all pairs are looked for
 MAX_MAP_MB = 500
 _SAMPLE_BYTES = 12
-_COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
+COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
 _YAML_HEADER = """\
 # A marked field. Origin at the centre mark, x along the length towards the opponent goal, y left; metres, radians.
 # length and width reach to the outer edge of the lines; the rows are centre lines: segments x1, y1, x2, y2;
@@ -117,7 +117,7 @@ class FieldModel:
                     f"{key}: {value:g} m is more than any field has ({longest_m:g} m at most); it looks like {unit}"
                 )
             object.__setattr__(self, key, value)
-        for key, columns in _COLUMNS.items():
+        for key, columns in COLUMNS.items():
             object.__setattr__(self, key, _checked_rows(key, getattr(self, key), columns))
         object.__setattr__(self, "goals", tuple(self.goals))
         object.__setattr__(self, "poles", tuple(self.poles))
@@ -131,7 +131,7 @@ class FieldModel:
             return NotImplemented
         plain = ("name", "length", "width", "line_width", "border", "goals", "poles")
         return all(getattr(self, key) == getattr(other, key) for key in plain) and all(
-            np.array_equal(getattr(self, key), getattr(other, key)) for key in _COLUMNS
+            np.array_equal(getattr(self, key), getattr(other, key)) for key in COLUMNS
         )
 
     def __hash__(self) -> int:
@@ -200,10 +200,7 @@ class FieldModel:
 
         Filled marks are no lines. NaN points have NaN distances. Raises ValueError for another shape.
         """
-        table = np.ascontiguousarray(points, dtype=np.float64)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise ValueError(f"points need the shape (N, 2), got {table.shape}")
-        distances: FloatArray = distances_to_lines(self.line_tables, table)
+        distances: FloatArray = distances_to_lines(self.line_tables, pairs_of(points))
         return distances
 
     def distance_map(self, resolution_m: float = 0.025, margin_m: float = 3.0) -> DistanceMap:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from touchline.errors import InputError
-from touchline.field.model import FieldModel, Goal, Pole
+from touchline.field.model import COLUMNS, FieldModel, Goal, Pole
 from touchline.files.yaml_text import read_yaml_mapping, yaml_line
 from touchline.messages import did_you_mean, shown
 
 _SIZES = ("length", "width", "line_width")
-_ROWS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
+_LISTS = {"y_posts": "numbers", "bands_from_ground": "colours"}
 _REMARKS = ("frame", "measured_to", "primitives", "format")
-_KNOWN = ("name", "description", *_SIZES, "border", "letters", *_ROWS, "goals", "poles", *_REMARKS)
-_GOAL = ("x", "y_posts", "post_width", "post_shape", "height", "depth", "color")
-_POLE = ("x", "y", "diameter", "height", "bands_from_ground")
+_KNOWN = ("name", "description", *_SIZES, "border", "letters", *COLUMNS, "goals", "poles", *_REMARKS)
 
 
 def load_field(path: Path) -> FieldModel:
@@ -47,11 +46,11 @@ def _field_from_mapping(mapping: dict[str, Any], default_name: str) -> FieldMode
         width=_number("width", mapping["width"]),
         line_width=_number("line_width", mapping["line_width"]),
         border=_number("border", mapping.get("border", 1.0)),
-        goals=[_goal(f"goals, row {i}", row) for i, row in enumerate(_list("goals", mapping), start=1)],
-        poles=[_pole(f"poles, row {i}", row) for i, row in enumerate(_list("poles", mapping), start=1)],
+        goals=_upright(Goal, "goals", _list("goals", mapping)),
+        poles=_upright(Pole, "poles", _list("poles", mapping)),
         description=str(mapping.get("description", "")),
         letters=_letters(mapping.get("letters")),
-        **{key: _number_rows(key, _list(key, mapping), columns) for key, columns in _ROWS.items()},
+        **{key: _number_rows(key, _list(key, mapping), columns) for key, columns in COLUMNS.items()},
     )
 
 
@@ -78,13 +77,6 @@ def _number(where: str, value: Any) -> float:
     return float(value)
 
 
-def _positive(where: str, value: Any) -> float:
-    number = _number(where, value)
-    if number <= 0.0:
-        raise InputError(f"{where}: expected a positive number, found {shown(value)}")
-    return number
-
-
 def _number_rows(key: str, rows: list[Any], columns: int) -> Any:
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, list) or len(row) != columns:
@@ -94,48 +86,38 @@ def _number_rows(key: str, rows: list[Any], columns: int) -> Any:
     return rows
 
 
-def _entries(where: str, row: Any, known: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(row, dict):
-        raise InputError(f"{where}: expected the keys {', '.join(known)}, found {shown(row)}")
-    for key in row:
-        if key not in known:
-            raise InputError(f"{where}: has no key '{key}'; {did_you_mean(str(key), known)}")
-    for key in known:
-        if key not in row:
-            raise InputError(f"{where}: '{key}' is missing")
-    return row
+def _upright(kind: type[Any], key: str, rows: list[Any]) -> list[Any]:
+    """The goals or poles of rows, which have the keys of their class."""
+    known = [each.name for each in fields(kind)]
+    found = []
+    for number, row in enumerate(rows, start=1):
+        where = f"{key}, row {number}"
+        if not isinstance(row, dict):
+            raise InputError(f"{where}: expected the keys {', '.join(known)}, found {shown(row)}")
+        if unknown := [name for name in row if name not in known]:
+            raise InputError(f"{where}: has no key '{unknown[0]}'; {did_you_mean(str(unknown[0]), known)}")
+        if missing := [name for name in known if name not in row]:
+            raise InputError(f"{where}: '{missing[0]}' is missing")
+        found.append(kind(**{name: _entry(where, name, row[name]) for name in known}))
+    return found
 
 
-def _goal(where: str, row: Any) -> Goal:
-    entries = _entries(where, row, _GOAL)
-    posts = entries["y_posts"]
-    if not isinstance(posts, list) or not posts:
-        raise InputError(f"{where}: y_posts needs a list of numbers, found {shown(posts)}")
-    if entries["post_shape"] not in ("round", "square"):
-        raise InputError(f"{where}: post_shape is round or square, found {shown(entries['post_shape'])}")
-    return Goal(
-        x=_number(f"{where}: x", entries["x"]),
-        y_posts=tuple(_number(f"{where}: y_posts", y) for y in posts),
-        post_width=_positive(f"{where}: post_width", entries["post_width"]),
-        post_shape=entries["post_shape"],
-        height=_positive(f"{where}: height", entries["height"]),
-        depth=_positive(f"{where}: depth", entries["depth"]),
-        color=str(entries["color"]),
-    )
-
-
-def _pole(where: str, row: Any) -> Pole:
-    entries = _entries(where, row, _POLE)
-    bands = entries["bands_from_ground"]
-    if not isinstance(bands, list) or not bands:
-        raise InputError(f"{where}: bands_from_ground needs a list of colours, found {shown(bands)}")
-    return Pole(
-        x=_number(f"{where}: x", entries["x"]),
-        y=_number(f"{where}: y", entries["y"]),
-        diameter=_positive(f"{where}: diameter", entries["diameter"]),
-        height=_positive(f"{where}: height", entries["height"]),
-        bands_from_ground=tuple(str(band) for band in bands),
-    )
+def _entry(where: str, key: str, value: Any) -> Any:
+    """A value of a goal or a pole."""
+    if key in _LISTS and (not isinstance(value, list) or not value):
+        raise InputError(f"{where}: {key} needs a list of {_LISTS[key]}, found {shown(value)}")
+    if key == "y_posts":
+        return tuple(_number(f"{where}: {key}", y) for y in value)
+    if key == "bands_from_ground":
+        return tuple(map(str, value))
+    if key == "post_shape" and value not in ("round", "square"):
+        raise InputError(f"{where}: post_shape is round or square, found {shown(value)}")
+    if key in ("post_shape", "color"):
+        return str(value)
+    number = _number(f"{where}: {key}", value)
+    if number <= 0.0 and key not in ("x", "y"):
+        raise InputError(f"{where}: {key}: expected a positive number, found {shown(value)}")
+    return number
 
 
 def _line_of(path: Path, key: str) -> str:

@@ -110,10 +110,8 @@ def image_datagrams(stamp_ns: int, data: bytes, camera: Pose3 | None = None) -> 
     """The datagrams of an image file's content."""
     pieces = [data[at : at + PART_BYTES] for at in range(0, len(data), PART_BYTES)] or [b""]
     for part, piece in enumerate(pieces):
-        message: dict[str, Any] = {"kind": "image", "stamp_ns": stamp_ns, "part": part, "parts": len(pieces)}
-        if camera is not None:
-            message["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
-        yield _line(message) + piece
+        message = {"kind": "image", "stamp_ns": stamp_ns, "part": part, "parts": len(pieces)}
+        yield _line({**message, **_camera(camera)}) + piece
 
 
 def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_bytes: int = MAX_BYTES) -> bytes:
@@ -121,9 +119,7 @@ def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_by
     columns = HEADER.split(",")[1:]
     rows = [dict(zip(columns, row.split(",")[1:], strict=True)) for row in observation_rows(observation)]
     kept = [{key: cell for key, cell in row.items() if cell} for row in rows]
-    message: dict[str, Any] = {"kind": "seen", "stamp_ns": observation.stamp_ns}
-    if camera is not None:
-        message["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
+    message = {"kind": "seen", "stamp_ns": observation.stamp_ns, **_camera(camera)}
     line = _line({**message, "rows": kept})
     while len(line) > most_bytes:
         kept = kept[::2]
@@ -154,6 +150,10 @@ def told_datagram(told: Told) -> bytes:
             **{name: tree[name] for name in _AS_ESTIMATED},
         }
     )
+
+
+def _camera(camera: Pose3 | None) -> dict[str, list[float]]:
+    return {} if camera is None else {"camera": [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]}
 
 
 def _line(message: Mapping[str, Any]) -> bytes:

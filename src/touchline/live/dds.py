@@ -10,7 +10,7 @@ import os
 import re
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -24,18 +24,16 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic as DdsTopic
 
-from touchline.camera import Camera
 from touchline.errors import InputError
 from touchline.live import ros_end
 from touchline.live.dds_types import ros_name, sample, sample_type
-from touchline.live.heard import Heard, Picture, Reading, Told
+from touchline.live.heard import Picture, Reading
 from touchline.live.ros_end import RosEnd
 from touchline.live.ros_topics import PLAYED, Outgoing
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.with_rosbags import Codec
 
-_POLL_S = 0.0005
 _MAX_AT_ONCE = 100
 _NODE = "touchline"
 _DISCOVERY, _DISCOVERY_KIND = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
@@ -121,51 +119,18 @@ class DdsNode:
         del self._graph, self.participant
 
 
-class DdsLink:
+class DdsLink(RosEnd):
     """The robot's topics, found as they appear."""
 
-    def __init__(
-        self,
-        topics: Mapping[str, str] | None = None,
-        base: str | None = None,
-        namespace: str = "",
-        network: bool = False,
-        camera: Camera | None = None,
-        late_ms: float = 0.0,
-    ) -> None:
+    pause_s = 0.0005
+
+    def __init__(self, *options: Any, network: bool = False, **named: Any) -> None:
         """As `RosEnd` has them; network: beyond this machine. Raises InputError."""
-        codec = Codec()
-        self._end = RosEnd(codec, topics, base, namespace, camera, late_ms)
-        self._node = DdsNode(_NODE, namespace, network, codec)
+        super().__init__(*options, **named)
+        self._node = DdsNode(_NODE, self._namespace, network, self._codec)
         self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
-        self._offered: dict[str, Qos] = {}
+        self._qos: dict[str, Qos] = {}
         self._readers: dict[str, Any] = {}
-
-    def hear(self, timeout_s: float) -> list[Heard]:
-        """What has come; the first message is waited for."""
-        ends_s = time.monotonic() + timeout_s
-        while True:
-            self._discover()
-            found = [heard for name in self._end.in_order() for heard in self._take(name)]
-            found += self._end.due()
-            if found or time.monotonic() >= ends_s:
-                return found
-            time.sleep(_POLL_S)
-
-    def tell(self, told: Told) -> None:
-        """Publish an estimate."""
-        for out in self._end.told(told):
-            self._node.write(out)
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """What is read: role -> topic."""
-        return self._end.topics
-
-    @property
-    def refused(self) -> dict[str, int]:
-        """What was left out so far, and how often."""
-        return self._end.refused
 
     def close(self) -> None:
         """Leave the network."""
@@ -173,21 +138,17 @@ class DdsLink:
         del self._publishers
         self._node.close()
 
-    def _discover(self) -> None:
+    def _offered(self) -> Iterator[tuple[str, str]]:
         for end in self._publishers.take(_MAX_AT_ONCE):
             if isinstance(end, InvalidSample) or not (end.type_name and end.topic_name.startswith("rt/")):
                 continue
             kind, name = ros_name(end.type_name), end.topic_name[2:]
-            if kind is not None and name not in self._offered:
-                self._offered[name] = end.qos
-                self._end.appeared(name, kind)
-        for topic in self._end.to_read():
-            self._read(topic)
-        for name, kind in self._end.answers():
-            self._node.announce(name, kind)
+            if kind is not None:
+                self._qos.setdefault(name, end.qos)
+                yield name, kind
 
     def _read(self, topic: Topic) -> None:
-        offered = self._offered[topic.name]
+        offered = self._qos[topic.name]
         reliable = (
             _RELIABLE if offered[Policy.Reliability].__class__ is type(_RELIABLE) else Policy.Reliability.BestEffort
         )
@@ -195,10 +156,17 @@ class DdsLink:
         qos = Qos(reliable, durable, Policy.History.KeepLast(100), _PLAIN)
         self._readers[topic.name] = self._node.reader(topic.name, topic.type, qos)
 
-    def _take(self, name: str) -> Iterator[Heard]:
-        for each in self._readers[name].take(_MAX_AT_ONCE):
-            if not isinstance(each, InvalidSample):
-                yield from self._end.heard(name, each)
+    def _announce(self, name: str, kind: str) -> None:
+        self._node.announce(name, kind)
+
+    def _take(self, ends_s: float) -> Iterator[tuple[str, bytes]]:
+        for name in self._in_order():
+            for each in self._readers[name].take(_MAX_AT_ONCE):
+                if not isinstance(each, InvalidSample):
+                    yield name, each
+
+    def _write(self, out: Outgoing) -> None:
+        self._node.write(out)
 
 
 class DdsRobot:

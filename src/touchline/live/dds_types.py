@@ -12,21 +12,10 @@ from typing import Any
 from cyclonedds.idl import make_idl_struct, types
 from rosbags.interfaces import Nodetype
 
+_NUMBERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64")
 _BASE: dict[str, Any] = {
-    "bool": bool,
-    "byte": types.uint8,
-    "char": types.uint8,
-    "int8": types.int8,
-    "uint8": types.uint8,
-    "int16": types.int16,
-    "uint16": types.uint16,
-    "int32": types.int32,
-    "uint32": types.uint32,
-    "int64": types.int64,
-    "uint64": types.uint64,
-    "float32": types.float32,
-    "float64": types.float64,
-    "string": str,
+    **{"bool": bool, "byte": types.uint8, "char": types.uint8, "string": str},
+    **{name: getattr(types, name) for name in _NUMBERS},
 }
 
 

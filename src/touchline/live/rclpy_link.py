@@ -9,17 +9,14 @@ from __future__ import annotations
 import importlib
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
 
-from touchline.camera import Camera
 from touchline.errors import InputError
-from touchline.live.heard import Heard, Told
 from touchline.live.ros_end import RosEnd
-from touchline.live.ros_topics import DIAGNOSTICS, DIAGNOSTICS_TYPE, POSE, POSE_TYPE, TF_TYPE
+from touchline.live.ros_topics import DIAGNOSTICS, DIAGNOSTICS_TYPE, POSE, POSE_TYPE, TF_TYPE, Outgoing
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.with_rosbags import Codec
 
 _LOOK_S = 0.5  # for new topics
 _MAX_AT_ONCE, _DEPTH = 100, 100
@@ -36,66 +33,31 @@ def require_rclpy() -> None:
         )
 
 
-class RclpyLink:
+class RclpyLink(RosEnd):
     """A node of ROS: topics are found as they appear, and read with what their publishers offer."""
 
-    def __init__(
-        self,
-        topics: Mapping[str, str] | None = None,
-        base: str | None = None,
-        namespace: str = "",
-        camera: Camera | None = None,
-        late_ms: float = 0.0,
-    ) -> None:
+    def __init__(self, *options: Any, **named: Any) -> None:
         """As `RosEnd` has them. Raises InputError."""
-        self._codec = Codec()
-        self._end = RosEnd(self._codec, topics, base, namespace, camera, late_ms)
+        super().__init__(*options, **named)
         self._rclpy: Any = importlib.import_module("rclpy")
         self._qos: Any = importlib.import_module("rclpy.qos")
         self._types: Any = importlib.import_module("rosidl_runtime_py.utilities")
         self._starts = not self._rclpy.ok()
         if self._starts:
             self._rclpy.init()
-        self._node = self._rclpy.create_node(_NODE, namespace=namespace or None)
+        self._node = self._rclpy.create_node(_NODE, namespace=self._namespace or None)
         self._came: deque[tuple[str, bytes]] = deque()
         self._publishers: dict[str, Any] = {}
         self._looked_s = -_LOOK_S
         self._unknown: set[str] = set()
-        for name, kind in ((namespace + POSE, POSE_TYPE), ("/tf", TF_TYPE), (DIAGNOSTICS, DIAGNOSTICS_TYPE)):
+        for name, kind in ((self._namespace + POSE, POSE_TYPE), ("/tf", TF_TYPE), (DIAGNOSTICS, DIAGNOSTICS_TYPE)):
             self._announce(name, kind)
-
-    def hear(self, timeout_s: float) -> list[Heard]:
-        """What has come; the first message is waited for."""
-        ends_s = time.monotonic() + timeout_s
-        while True:
-            self._discover()
-            self._rclpy.spin_once(self._node, timeout_sec=min(max(ends_s - time.monotonic(), 0.0), 0.01))
-            for _ in range(_MAX_AT_ONCE):  # what else is there
-                before = len(self._came)
-                self._rclpy.spin_once(self._node, timeout_sec=0.0)
-                if len(self._came) == before:
-                    break
-            found = [heard for name, data in self._taken() for heard in self._end.heard(name, data)]
-            found += self._end.due()
-            if found or time.monotonic() >= ends_s:
-                return found
-
-    def tell(self, told: Told) -> None:
-        """Publish an estimate."""
-        for out in self._end.told(told):
-            self._announce(out.topic, out.kind)
-            self._publishers[out.topic].publish(self._codec.encode(out.kind, out.message))
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """What is read: role -> topic."""
-        return self._end.topics
 
     @property
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
         unknown = {f"a topic of {kind}, whose definition is not installed": 1 for kind in sorted(self._unknown)}
-        return {**self._end.refused, **unknown}
+        return {**super().refused, **unknown}
 
     def close(self) -> None:
         """Leave the graph."""
@@ -103,25 +65,30 @@ class RclpyLink:
         if self._starts:
             self._rclpy.shutdown()
 
-    def _taken(self) -> list[tuple[str, bytes]]:
-        """Messages, those that tell where the camera is first."""
-        order = {name: number for number, name in enumerate(self._end.in_order())}
-        taken = sorted(self._came, key=lambda each: order.get(each[0], len(order)))
-        self._came.clear()
-        return taken
-
-    def _discover(self) -> None:
+    def _offered(self) -> Iterator[tuple[str, str]]:
         if time.monotonic() < self._looked_s + _LOOK_S:
             return
         self._looked_s = time.monotonic()
         for name, kinds in self._node.get_topic_names_and_types():
             others = len(self._node.get_publishers_info_by_topic(name)) - (name in self._publishers)
             if len(kinds) == 1 and others > 0:
-                self._end.appeared(name, kinds[0])
-        for topic in self._end.to_read():
-            self._read(topic)
-        for name, kind in self._end.answers():
-            self._announce(name, kind)
+                yield name, kinds[0]
+
+    def _take(self, ends_s: float) -> list[tuple[str, bytes]]:
+        self._rclpy.spin_once(self._node, timeout_sec=min(max(ends_s - time.monotonic(), 0.0), 0.01))
+        for _ in range(_MAX_AT_ONCE):  # what else is there
+            before = len(self._came)
+            self._rclpy.spin_once(self._node, timeout_sec=0.0)
+            if len(self._came) == before:
+                break
+        order = {name: number for number, name in enumerate(self._in_order())}
+        taken = sorted(self._came, key=lambda each: order.get(each[0], len(order)))
+        self._came.clear()
+        return taken
+
+    def _write(self, out: Outgoing) -> None:
+        self._announce(out.topic, out.kind)
+        self._publishers[out.topic].publish(self._codec.encode(out.kind, out.message))
 
     def _read(self, topic: Topic) -> None:
         kind = self._message_class(topic.type)

@@ -1,10 +1,11 @@
-"""Our end of ROS's topics, whoever carries them: which are read, what their messages say, and what is published."""
+"""What the links of ROS share: which topics are read, what their messages say, and what is published."""
 
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from touchline.camera import Camera
 from touchline.errors import InputError
@@ -22,12 +23,13 @@ UNUSABLE = (BadMessageError, InputError, ValueError, TypeError, OverflowError, A
 """What a message that is none may raise where it is read."""
 
 
-class RosEnd:
-    """Topics are found by their types as publishers appear, or named."""
+class RosEnd(ABC):
+    """A link whose topics are found by their types as publishers appear, or named; whoever carries the messages."""
+
+    pause_s = 0.0  # between two looks at what has come
 
     def __init__(
         self,
-        codec: Codec,
         topics: Mapping[str, str] | None = None,
         base: str | None = None,
         namespace: str = "",
@@ -42,12 +44,59 @@ class RosEnd:
         for role in self._named:
             if role not in ROLES:
                 raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
-        self._codec, self._namespace = codec, namespace
-        self._reader, self._writer = RosReader(base, camera, late_ms), RosWriter(codec, namespace)
+        self._codec, self._namespace = Codec(), namespace
+        self._reader, self._writer = RosReader(base, camera, late_ms), RosWriter(self._codec, namespace)
         self._seen: dict[str, Topic] = {}
         self._news_s = 0.0
         self._chosen: dict[str, set[str]] = {}  # roles by topic
         self._refused: Counter[str] = Counter()
+
+    def hear(self, timeout_s: float) -> list[Heard]:
+        """What has come; the first message is waited for."""
+        ends_s = time.monotonic() + timeout_s
+        while True:
+            for name, kind in self._offered():
+                if name not in self._seen:
+                    self._seen[name] = Topic(name, kind, "cdr", None, 1)
+                    self._news_s = time.monotonic()
+            for topic in self._to_read():
+                self._read(topic)
+            for name, kind in self._answers():
+                self._announce(name, kind)
+            found = [heard for name, data in self._take(ends_s) for heard in self._heard(name, data)]
+            found += self._reader.due()
+            if found or time.monotonic() >= ends_s:
+                return found
+            time.sleep(self.pause_s)
+
+    def tell(self, told: Told) -> None:
+        """Publish an estimate."""
+        for out in self._writer.told(told):
+            self._write(out)
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the network."""
+
+    @abstractmethod
+    def _offered(self) -> Iterable[tuple[str, str]]:
+        """Names and types, sensor_msgs/msg/Image, of what somebody publishes."""
+
+    @abstractmethod
+    def _read(self, topic: Topic) -> None:
+        """Read a topic from now on."""
+
+    @abstractmethod
+    def _announce(self, name: str, kind: str) -> None:
+        """Say that something will be published."""
+
+    @abstractmethod
+    def _take(self, ends_s: float) -> Iterable[tuple[str, bytes]]:
+        """Topics and messages that have come, by `_in_order`. ends_s: until when they may be waited for."""
+
+    @abstractmethod
+    def _write(self, out: Outgoing) -> None:
+        """Publish a message."""
 
     @property
     def topics(self) -> dict[str, str]:
@@ -59,13 +108,7 @@ class RosEnd:
         """What was left out so far, and how often."""
         return dict(self._refused + self._reader.refused)
 
-    def appeared(self, name: str, kind: str) -> None:
-        """Somebody publishes a topic of a type of ROS 2, sensor_msgs/msg/Image."""
-        if name not in self._seen:
-            self._seen[name] = Topic(name, kind, "cdr", None, 1)
-            self._news_s = time.monotonic()
-
-    def to_read(self) -> list[Topic]:
+    def _to_read(self) -> list[Topic]:
         """Topics that are to be read from now on: fixed ones at once, others once nothing new appears."""
         found = [(self._fixed(name), topic) for name, topic in self._seen.items() if name not in self._chosen]
         new = [(role, topic) for role, topic in found if role and FIXED_TYPES[role] == topic.type]
@@ -78,18 +121,18 @@ class RosEnd:
             self._reader.expect(role)
         return list(opened.values())
 
-    def answers(self) -> list[tuple[str, str]]:
+    def _answers(self) -> list[tuple[str, str]]:
         """Topics and types that are published because of what is read."""
         detections = self.topics.get(DETECTIONS, "")
         if not detections.startswith(DETECTION_TOPIC):
             return []
         return [(self._writer.as_booster(detections.removeprefix(DETECTION_TOPIC)), BOOSTER_POSE_TYPE)]
 
-    def in_order(self) -> list[str]:
+    def _in_order(self) -> list[str]:
         """The topics that are read; where the camera is comes before what it saw."""
         return sorted(self._chosen, key=lambda name: not self._fixed(name))
 
-    def heard(self, name: str, data: bytes) -> Iterator[Heard]:
+    def _heard(self, name: str, data: bytes) -> Iterator[Heard]:
         """What a message says; what can't be used is counted."""
         roles, topic = self._chosen[name], self._seen[name]
         try:
@@ -98,14 +141,6 @@ class RosEnd:
                 yield from self._reader.read(role, message, with_compass=COMPASS in roles)
         except UNUSABLE as error:
             self._refused[f"a message of {name} that can't be used ({str(error)[:80]})"] += 1
-
-    def due(self) -> Iterator[Heard]:
-        """What was waited for long enough."""
-        return self._reader.due()
-
-    def told(self, told: Told) -> Iterator[Outgoing]:
-        """An estimate as messages."""
-        return self._writer.told(told)
 
     def _fixed(self, name: str) -> str | None:
         """The role of a topic that is known by its name, with or without the namespace."""

@@ -58,11 +58,7 @@ class SensorStream:
             if self._first_ns is None:
                 self._note_start(int(block.stamp_ns[0]), stamp_ns)
             self._stamps, self._values, self._next = block.stamp_ns, block.values, 0
-        if len(parts) <= 1:
-            return parts[0] if parts else None
-        return Samples(
-            np.concatenate([part.stamp_ns for part in parts]), np.concatenate([part.values for part in parts])
-        )
+        return Samples.joined(parts)
 
     def drain(self) -> None:
         """Read to the end of the file, so that its last rows are checked as well."""

@@ -7,8 +7,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from touchline.motion import FrameClock, FrameOrder
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import Estimate, Frame, Prior, Samples, Status, System
@@ -82,14 +80,9 @@ def _with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:
     """A frame with the samples of those dropped before it, too; what another clock has stamped is left out."""
     joined: dict[str, Any] = {}
     for sensor in _SENSORS:
-        own: Samples | None = getattr(frame, sensor)
-        parts: list[Samples] = [samples for each in dropped if (samples := getattr(each, sensor)) is not None]
-        if parts:
-            stamps_ns = np.concatenate([samples.stamp_ns for samples in parts])
-            values = np.concatenate([samples.values for samples in parts])
-            near = stamps_ns <= frame.stamp_ns + _AHEAD_NS
-            stamps_ns, values = stamps_ns[near], values[near]
-            if own is not None:
-                stamps_ns, values = np.concatenate([stamps_ns, own.stamp_ns]), np.concatenate([values, own.values])
-            joined[sensor] = Samples(stamps_ns, values)
+        before = Samples.joined(getattr(each, sensor) for each in dropped)
+        if before is not None:
+            near = before.stamp_ns <= frame.stamp_ns + _AHEAD_NS
+            near_before = Samples(before.stamp_ns[near], before.values[near])
+            joined[sensor] = Samples.joined((near_before, getattr(frame, sensor)))
     return replace(frame, **joined)

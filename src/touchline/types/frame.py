@@ -6,7 +6,7 @@ Time stamps are integer nanoseconds of one clock. Arrays are not copied: treat t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,6 +40,14 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Samples | None]) -> Samples | None:
+        """One after the other, those that there are; None without any."""
+        known = [part for part in parts if part is not None]
+        if len(known) <= 1:
+            return known[0] if known else None
+        return cls(np.concatenate([part.stamp_ns for part in known]), np.concatenate([part.values for part in known]))
 
 
 _PLACE = "x, y in m"

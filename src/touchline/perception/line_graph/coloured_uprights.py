@@ -133,11 +133,18 @@ def _find(
 @njit(cache=True, error_model="numpy")
 def _azimuth(plane: ImagePlane, u: float, v: float) -> float:
     """Direction (rad, robot frame) along the ground of what a pixel sees, above the horizon, too."""
+    ahead, aside, _ = _ray(plane, u, v)
+    return math.atan2(aside, ahead)
+
+
+@njit(cache=True, error_model="numpy")
+def _ray(plane: ImagePlane, u: float, v: float) -> tuple[float, float, float]:
+    """A pixel's ray from the camera's foot: ahead and aside along the ground, and downwards, each by a scale."""
     x, y = plane_from_pixel(plane.lens, u, v)
     h, foot = plane.ground, plane.foot
     w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
     ahead = h[0, 0] * x + h[0, 1] * y + h[0, 2] - foot[0] * w
-    return math.atan2(h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w, ahead)
+    return ahead, h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w, w
 
 
 @njit(cache=True, error_model="numpy")
@@ -274,11 +281,8 @@ def _code(image: ImageArray, table: npt.NDArray[np.uint8], u: int, v: int) -> in
 @njit(cache=True, error_model="numpy")
 def _height(plane: ImagePlane, u: float, v: float, distance: float) -> float:
     """How high (m) above the ground a pixel shows what is so far (m) from the camera's foot."""
-    x, y = plane_from_pixel(plane.lens, u, v)
+    ahead, aside, w = _ray(plane, u, v)
     h, foot = plane.ground, plane.foot
-    w = h[2, 0] * x + h[2, 1] * y + h[2, 2]  # of the ray's slope downwards
-    ahead = h[0, 0] * x + h[0, 1] * y + h[0, 2] - foot[0] * w
-    aside = h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w
     above = math.sqrt(np.sum((h[0] - foot[0] * h[2]) ** 2))
     height: float = above * (1.0 - distance * w / max(math.hypot(ahead, aside), 1e-9))
     return height

@@ -52,6 +52,17 @@ def fit_line(points: FloatArray, use: IntArray) -> tuple[float, float, float, fl
 
 
 @njit(cache=True)
+def fit_with_ends(points: FloatArray, use: IntArray) -> tuple[float, float, float, float, float, float]:
+    """`fit_line`, and how far along it the first and the last of the points lie."""
+    x, y, dx, dy = fit_line(points, use)
+    low, high = np.inf, -np.inf
+    for k in use:
+        along = (points[k, 0] - x) * dx + (points[k, 1] - y) * dy
+        low, high = min(low, along), max(high, along)
+    return x, y, dx, dy, low, high
+
+
+@njit(cache=True)
 def _split(nodes: FloatArray, chains: Chains, split: float, corners: bool, parts: IntArray) -> int:
     """First and last place in chains.nodes of every straight part, into parts (MAX_LINES, 2); returns how many."""
     stack = np.empty((_MAX_STACK, 2), dtype=np.int64)
@@ -157,11 +168,7 @@ def _project_ends(nodes: FloatArray, chains: Chains, parts: IntArray, members: I
         use = _members_of(chains, parts, members, group)
         if len(use) == 0:
             continue
-        x, y, dx, dy = fit_line(nodes, use)
-        low, high = np.inf, -np.inf
-        for n in use:
-            along = (nodes[n, 0] - x) * dx + (nodes[n, 1] - y) * dy
-            low, high = min(low, along), max(high, along)
+        x, y, dx, dy, low, high = fit_with_ends(nodes, use)
         found[count, 0], found[count, 1] = x + low * dx, y + low * dy
         found[count, 2], found[count, 3] = x + high * dx, y + high * dy
         count += 1

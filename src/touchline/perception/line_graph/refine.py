@@ -11,7 +11,7 @@ from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.graph import IntArray
 from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
-from touchline.perception.line_graph.lines import fit_line
+from touchline.perception.line_graph.lines import fit_line, fit_with_ends
 from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, Pixels, read_profile
 from touchline.perception.line_graph.sorting import median_of
 
@@ -146,11 +146,7 @@ def _on_ground(plane: ImagePlane, line: FloatArray, one: float, other: float) ->
 def sagitta(points: FloatArray) -> float:
     """By how much points (N, 2) of a line bend, as a share of its length: the middle's distance from the chord."""
     n = len(points)
-    x, y, dx, dy = fit_line(points, np.arange(n))
-    low, high = np.inf, -np.inf
-    for k in range(n):
-        along = (points[k, 0] - x) * dx + (points[k, 1] - y) * dy
-        low, high = min(low, along), max(high, along)
+    x, y, dx, dy, low, high = fit_with_ends(points, np.arange(n))
     half, middle = 0.5 * (high - low), 0.5 * (low + high)
     # least squares of off = a + b s²; the sums are those of s², s⁴, off and off s²
     squares, fourths, offs, products = 0.0, 0.0, 0.0, 0.0
@@ -179,13 +175,9 @@ def _fit_robustly(rows: FloatArray, outlier: float, line: FloatArray) -> IntArra
                 near[count] = k
                 count += 1
         use = near[:count]
-    x, y, dx, dy = fit_line(rows, use)
+    x, y, dx, dy, low, high = fit_with_ends(rows, use)
     if (line[2] - line[0]) * dx + (line[3] - line[1]) * dy < 0.0:
-        dx, dy = -dx, -dy
-    low, high = np.inf, -np.inf
-    for used in use:
-        along = (rows[used, 0] - x) * dx + (rows[used, 1] - y) * dy
-        low, high = min(low, along), max(high, along)
+        low, high = high, low
     line[0], line[1], line[2], line[3] = x + low * dx, y + low * dy, x + high * dx, y + high * dy
     return use
 

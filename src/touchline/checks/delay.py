@@ -16,7 +16,6 @@ from touchline.types import Estimate, Samples
 
 MAX_DELAY_S = 0.4  # that is looked for
 _STEP_S = 0.01
-_LEVER_M = 1.0  # a turn by one radian counts like so much way
 _KEPT = 0.9  # of the steps: the worst are shoves
 _MIN_STEPS = 20
 _MAX_S = 2.0  # between two estimates: over a longer step odometry's own errors are what is seen
@@ -40,7 +39,7 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     stamps_s = 1e-9 * np.array([estimate.stamp_ns - estimates[0].stamp_ns for estimate in estimates])
     times_s = 1e-9 * (odometry.stamp_ns - estimates[0].stamp_ns).astype(np.float64)
     path = np.column_stack((odometry.values[:, :2], np.unwrap(odometry.values[:, 2])))
-    seen = _steps(np.array([estimate.pose for estimate in estimates]))
+    seen = base_steps(np.array([estimate.pose for estimate in estimates]))
     steps_s = np.diff(stamps_s)
     inside = (stamps_s[:-1] - MAX_DELAY_S >= times_s[0]) & (steps_s <= _MAX_S)
     if np.count_nonzero(inside) < _MIN_STEPS:
@@ -62,19 +61,21 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
 
 def _shifted(path: FloatArray, times_s: FloatArray, at_s: FloatArray) -> FloatArray:
     """(N - 1, 3) steps of odometry between times (N,)."""
-    return _steps(np.column_stack([np.interp(at_s, times_s, column) for column in path.T]))
+    return base_steps(np.column_stack([np.interp(at_s, times_s, column) for column in path.T]))
 
 
-def _steps(poses: FloatArray) -> FloatArray:
-    """(N - 1, 3) steps between poses (N, 3): forward, left (m) and rotation (as way) of the robot."""
+def base_steps(poses: FloatArray) -> FloatArray:
+    """(N - 1, 3) steps between poses (N, 3): forward, left (m) and turn (rad) of the robot, by the heading half way."""
     moved = np.diff(poses[:, :2], axis=0) @ np.array([1.0, 1j])
     turn = wrap_angles(np.diff(poses[:, 2]))
     local = moved * np.exp(-1j * (poses[:-1, 2] + 0.5 * turn))
-    return np.column_stack((local.real, local.imag, _LEVER_M * turn))
+    return np.column_stack((local.real, local.imag, turn))
 
 
 def _disagreement(seen: FloatArray, told: FloatArray, inside: FloatArray) -> float:
-    """Sum of squared differences of steps (N, 3) but the worst; the scale of each axis of odometry is fitted."""
+    """Sum of squared differences of steps (N, 3) but the worst, a radian like a metre; the scale of each axis of
+    odometry is fitted.
+    """
     a, b = told[inside], seen[inside]
     scale = np.sum(a * b, axis=0) / np.maximum(np.sum(a * a, axis=0), 1e-9)
     squares = np.sort(np.sum((b - np.clip(scale, 0.8, 1.25) * a) ** 2, axis=1))
