@@ -175,8 +175,7 @@ class Pose3:
 
     def transform(self, points: FloatArray) -> FloatArray:
         """Points (N, 3) of the source frame, in the target frame (m)."""
-        placed: FloatArray = points @ self.rotation.T + self.translation_m
-        return placed
+        return points @ self.rotation.T + self.translation_m
 
 
 def tilt_rotation(roll_rad: float, pitch_rad: float) -> FloatArray:

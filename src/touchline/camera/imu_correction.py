@@ -61,8 +61,7 @@ class ImuCorrection:
 def _through(homography: FloatArray, pixels: FloatArray) -> FloatArray:
     lifted = pixels @ homography[:, :2].T + homography[:, 2]
     depth = np.where(lifted[:, 2:] > 0.0, lifted[:, 2:], np.nan)
-    moved: FloatArray = lifted[:, :2] / depth
-    return moved
+    return lifted[:, :2] / depth
 
 
 def monomials(pixels: FloatArray, roll_rad: FloatArray, pitch_rad: FloatArray) -> FloatArray:

@@ -65,8 +65,7 @@ Lens = TypeVar("Lens", bound=LensCamera)
 
 def ray(camera: LensCamera, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
     """Unit vectors (N, 3) of what pixels (N, 2) see, in the base frame, from the camera on."""
-    rays: FloatArray = camera.camera_rays(pixels) @ (base_from_camera or camera.base_from_camera).rotation.T
-    return rays
+    return camera.camera_rays(pixels) @ (base_from_camera or camera.base_from_camera).rotation.T
 
 
 def ground_from_image(camera: LensCamera, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
@@ -104,8 +103,7 @@ def ground_covariances(
 def sees(camera: LensCamera, pixels: FloatArray) -> Mask:
     """Whether pixels (N, 2) lie in the image; False for NaN."""
     u, v = pixels[:, 0], pixels[:, 1]
-    inside: Mask = (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
-    return inside
+    return (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
 
 
 def in_focal_lengths(camera: LensCamera, pixels: npt.ArrayLike) -> FloatArray:
@@ -164,8 +162,7 @@ def corrected(camera: Lens, errors: FloatArray, angles_rad: FloatArray) -> Lens:
         wider.append(float(seen[good] @ known[good] / (known[good] @ known[good])))
     ratio = float(np.interp(1.0 + wide, wider, shorter))
     changes: dict[str, Any] = {"fx": camera.fx / ratio, "fy": camera.fy / ratio, "base_from_camera": mount}
-    found: Lens = dataclasses.replace(camera, **changes)  # type: ignore[type-var]
-    return found
+    return dataclasses.replace(camera, **changes)  # type: ignore[type-var]
 
 
 def _turn(roll: float, pitch: float) -> FloatArray:

@@ -161,8 +161,7 @@ class OmniCamera:
         height = float(self.base_from_camera.translation_m[2])
         seen = base_from_camera.inverse().transform(np.column_stack((points, np.zeros(len(points)))))
         depth = np.where(seen[:, 2] < 0.0, -seen[:, 2], np.nan)
-        upright: FloatArray = seen[:, :2] * (height / depth)[:, np.newaxis]
-        return upright
+        return seen[:, :2] * (height / depth)[:, np.newaxis]
 
 
 def require_omni(camera: Camera, purpose: str) -> OmniCamera:

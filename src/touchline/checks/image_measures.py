@@ -153,8 +153,7 @@ def _circumcenters(triples: FloatArray) -> FloatArray:
     cross[np.abs(cross) < 1e-6] = np.nan
     aa, bb = np.sum(a * a, axis=1), np.sum(b * b, axis=1)
     offset = np.column_stack((b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa)) / cross[:, None]
-    centers: FloatArray = triples[:, 0] + offset
-    return centers
+    return triples[:, 0] + offset
 
 
 def _fit_circle(points: FloatArray) -> tuple[float, float, float]:

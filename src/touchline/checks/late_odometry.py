@@ -92,8 +92,7 @@ def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> F
     tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
     kept = tracking[1:] & tracking[:-1] & (np.abs(steps) > 1e-9)
     kept[:_FIRST_STEPS] = False
-    deviations: FloatArray = np.abs(steps[kept] - np.median(steps[kept])) if kept.any() else np.zeros(0)
-    return deviations
+    return np.abs(steps[kept] - np.median(steps[kept])) if kept.any() else np.zeros(0)
 
 
 def _redealt(frames: Sequence[Frame], late_ns: int) -> Iterator[Frame]:

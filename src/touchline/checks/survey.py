@@ -85,8 +85,7 @@ class Survey:
     @property
     def stamps_s(self) -> FloatArray:
         """Image times (N,) in s."""
-        seconds: FloatArray = self.recording.image_stamps / 1e9
-        return seconds
+        return self.recording.image_stamps / 1e9
 
     def column(self, name: str) -> FloatArray:
         """One of MOTION_COLUMNS (N,)."""

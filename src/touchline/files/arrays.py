@@ -54,5 +54,4 @@ def stored_array(
         wanted = str(tuple("any" if side is None else side for side in shape)).replace("'", "")
         raise InputError(f"'{name}' has shape {found}, expected {wanted}")
     array.seek(0)
-    values: npt.NDArray[Any] = np.lib.format.read_array(array, allow_pickle=False)
-    return values
+    return np.lib.format.read_array(array, allow_pickle=False)

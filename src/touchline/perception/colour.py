@@ -221,8 +221,7 @@ def _signal_weights(carpet: Carpet, white: FloatArray) -> FloatArray:
     across = np.cov((carpet.pixels - np.outer(lengths, ray)).T)
     covariance = along * np.outer(ray, ray) + across + np.eye(3) * max(carpet.noise, 2.0) ** 2
     weights = np.linalg.solve(covariance, white - carpet.green)
-    scaled: FloatArray = weights / float(weights @ (white - carpet.green))
-    return scaled
+    return weights / float(weights @ (white - carpet.green))
 
 
 class _Cells(NamedTuple):

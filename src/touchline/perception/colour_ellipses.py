@@ -116,8 +116,7 @@ def learned_ellipse(tinted: FloatArray, prior: Ellipse, prior_pixels: float) -> 
 
 def is_black(tinted: FloatArray, black_y: float) -> npt.NDArray[np.bool_]:
     """(N,) whether each colour (N, 3) Y, U, V is colourless and darker than this luminance."""
-    black: npt.NDArray[np.bool_] = (tinted[:, 0] < black_y) & (np.hypot(tinted[:, 1], tinted[:, 2]) < _COLOURLESS)
-    return black
+    return (tinted[:, 0] < black_y) & (np.hypot(tinted[:, 1], tinted[:, 2]) < _COLOURLESS)
 
 
 def learned_black(luma: FloatArray, carpet_y: float) -> float:

@@ -255,8 +255,7 @@ class LinePointDetector:
             camera.inner_radius_px,
             self.green_ends_px,
         )
-        kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
-        return kept
+        return found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
 
     def _profiles(self, model: ColourModel) -> FloatArray:
         lines, s, camera = self.scan_lines, self.settings, self.camera

@@ -114,8 +114,7 @@ def _with_votes(table: npt.NDArray[np.uint8], pixels: Mapping[str, FloatArray]) 
         np.add.at(votes[_CODES.get(kind, OTHER)], tuple(cells.T), 1.0 / max(len(colours), 1))
     spread = np.stack([_spread(volume) for volume in votes])
     decided = spread.max(axis=0) > 0.0
-    voted: npt.NDArray[np.uint8] = np.where(decided, spread.argmax(axis=0), table).astype(np.uint8)
-    return voted
+    return np.where(decided, spread.argmax(axis=0), table).astype(np.uint8)
 
 
 def _spread(volume: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

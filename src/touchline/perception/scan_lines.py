@@ -38,8 +38,7 @@ class ScanLines:
 
     def at_samples(self, picture: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         """Values (N,) of a picture (H, W) at the samples' upper left pixels."""
-        values: npt.NDArray[np.bool_] = picture.reshape(-1)[self.corners // 3]
-        return values
+        return picture.reshape(-1)[self.corners // 3]
 
 
 def build_scan_lines(

@@ -66,5 +66,4 @@ def _at(samples: FloatArray, index: FloatArray) -> FloatArray:
     """Image positions (M, 2) at fractional sample numbers (M,)."""
     low = index.astype(np.intp)
     share = (index - low)[:, np.newaxis]
-    place: FloatArray = samples[low] + share * (samples[np.minimum(low + 1, len(samples) - 1)] - samples[low])
-    return place
+    return samples[low] + share * (samples[np.minimum(low + 1, len(samples) - 1)] - samples[low])

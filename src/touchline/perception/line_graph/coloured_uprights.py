@@ -284,8 +284,7 @@ def _height(plane: ImagePlane, u: float, v: float, distance: float) -> float:
     ahead, aside, w = _ray(plane, u, v)
     h, foot = plane.ground, plane.foot
     above = math.sqrt(np.sum((h[0] - foot[0] * h[2]) ** 2))
-    height: float = above * (1.0 - distance * w / max(math.hypot(ahead, aside), 1e-9))
-    return height
+    return above * (1.0 - distance * w / max(math.hypot(ahead, aside), 1e-9))
 
 
 @njit(cache=True)

@@ -82,5 +82,4 @@ def cloud_points(message: Any) -> FloatArray | str:
     each = np.dtype({"names": list("xyz"), "formats": formats, "offsets": offsets, "itemsize": step})
     rows = [data[row * line : row * line + width * step].view(each) for row in range(height)]
     points = np.concatenate([np.column_stack([row[name] for name in "xyz"]) for row in rows]).astype(np.float64)
-    finite: FloatArray = points[np.isfinite(points).all(axis=1)]
-    return finite
+    return points[np.isfinite(points).all(axis=1)]

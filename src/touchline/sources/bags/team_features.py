@@ -95,8 +95,7 @@ def _placed(base_from_sensor: Pose3, point: Any) -> FloatArray:
     place = np.array([[point.x, point.y, point.z]], dtype=np.float64)
     if not (np.abs(place) < MAX_VALUE).all():  # False for NaN
         return np.full(2, math.nan)
-    placed: FloatArray = base_from_sensor.transform(place)[0, :2]
-    return placed
+    return base_from_sensor.transform(place)[0, :2]
 
 
 def _turned(base_from_sensor: Pose3, ray: Any) -> FloatArray:
@@ -108,8 +107,7 @@ def _turned(base_from_sensor: Pose3, ray: Any) -> FloatArray:
 def unit_vector(way: FloatArray) -> FloatArray:
     """(2,) of length 1; NaN for none."""
     length = math.hypot(*way)
-    unit: FloatArray = way / length if length > 0.0 else np.full(2, math.nan)
-    return unit
+    return way / length if length > 0.0 else np.full(2, math.nan)
 
 
 def orientation(kind: CrossingKind, rays: Sequence[FloatArray]) -> float:
