@@ -34,7 +34,7 @@ from touchline.field import field_from_letters, open_field
 from touchline.files.images import read_image
 from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
-from touchline.simulation.cameras.linear_camera import LinearImageCamera
+from touchline.simulation.cameras.image_sensor import LinearImageCamera
 from touchline.simulation.scenario import SCENARIO_FOLDER, open_scenario
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, open_system

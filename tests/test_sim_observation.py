@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fit_observation_level import goal_places
 
+from touchline.camera.base import ground_jacobian
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.perception.line_points import NOISE_M
@@ -141,7 +142,7 @@ class TestObservedLines:
     def test_covariances_are_those_of_the_detector(self) -> None:
         observer = head()
         points = observer.observe(POSE, np.random.default_rng(0))
-        jacobians = observer.camera.ground_jacobian(points.pixels)
+        jacobians = ground_jacobian(observer.camera.ground_from_image, points.pixels)
         settings = observer.paths
         expected = settings.point_px**2 * jacobians @ jacobians.transpose(0, 2, 1) + NOISE_M**2 * np.eye(2)
         np.testing.assert_allclose(points.covariances_m2, expected, rtol=0.01, atol=1e-6)

@@ -15,7 +15,7 @@ from touchline.camera.pinhole import pinhole_from_mapping
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointDetector
-from touchline.simulation.cameras.linear_camera import LinearImageCamera
+from touchline.simulation.cameras.image_sensor import LinearImageCamera
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline.simulation.recording import encoded

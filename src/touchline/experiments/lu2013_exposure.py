@@ -15,7 +15,7 @@ from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row,
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, public_recording, random_place
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
-from touchline.simulation.cameras.linear_camera import LinearImageCamera
+from touchline.simulation.cameras.image_sensor import LinearImageCamera
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.simulation.world.world import WorldState

@@ -24,7 +24,6 @@ from touchline.experiments.harness import NONE, Row, follow, interval, rate, tel
 from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.registration.bound import bound_covariance
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import Mode, PoseSearch
 from touchline.types import LinePoints
@@ -244,12 +243,8 @@ def kept_modes(points: PointSet) -> Kept:
 
 def _is_fixed(points: PointSet, k: int) -> bool:
     """Whether the points of a frame fix its place: a lone line leaves open where along it the robot stands."""
-    frame, on_lines = points.points[k], np.ones(len(points.points[k]), np.bool_)
-    if points.clutter is not None:
-        on_lines = ~points.clutter[k]
     try:
-        truth = Pose(*points.truth[k].tolist())
-        bound = bound_covariance(points.field, frame.positions_m[on_lines], frame.covariances_m2[on_lines], truth)
+        bound = points.bound_of(k)
     except (ValueError, np.linalg.LinAlgError):
         return False
     return float(np.linalg.eigvalsh(bound[:2, :2])[1]) < FIXED_M**2

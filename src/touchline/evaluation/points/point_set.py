@@ -61,17 +61,23 @@ class PointSet:
         Raises InputError for points that leave a pose open.
         """
         found = []
-        for k, points in enumerate(self.points):
-            kept = np.ones(len(points), np.bool_) if self.clutter is None else ~self.clutter[k]
+        for k in range(len(self)):
             try:
-                covariance = bound_covariance(
-                    self.field, points.positions_m[kept], points.covariances_m2[kept], Pose(*self.truth[k])
-                )
+                found.append(mean_errors(self.bound_of(k)))
             except (ValueError, np.linalg.LinAlgError):
                 raise InputError(f"{self.name}: frame {k}: its points leave the pose open") from None
-            found.append(mean_errors(covariance))
         position_m, heading_rad = np.mean(found, axis=0)
         return float(position_m), float(heading_rad)
+
+    def bound_of(self, k: int) -> FloatArray:
+        """(3, 3) Cramér and Rao's bound on the covariance of a frame's pose, clutter left out.
+
+        Raises ValueError or LinAlgError for points that leave the pose open.
+        """
+        points = self.points[k]
+        kept = np.ones(len(points), np.bool_) if self.clutter is None else ~self.clutter[k]
+        pose = Pose(*self.truth[k].tolist())
+        return bound_covariance(self.field, points.positions_m[kept], points.covariances_m2[kept], pose)
 
 
 def read_point_set(path: Path) -> PointSet:
