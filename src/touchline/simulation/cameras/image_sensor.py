@@ -1,4 +1,4 @@
-"""Linear radiance -> the 8-bit picture of a camera: blur, mosaic, noise, demosaic, response.
+"""Linear radiance -> the 8-bit picture of a camera: blur, mosaic, noise, demosaic, response; one image as a camera.
 
     value = clip(L * white_balance * exposure_ms * gain * k + noise, 0, 1)
     noise: variance = value * gain / full_well_electrons + (read_noise_electrons * gain / full_well_electrons)^2
@@ -27,6 +27,8 @@ from touchline.errors import InputError
 from touchline.sources.description import finite_number
 from touchline.sources.folder import Recording
 from touchline.types import ImageArray
+
+_NUMBERS = ("k", "full_well_electrons", "read_noise_electrons", "gamma", "optics_blur_sigma_px")  # of sequence.yaml
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +136,6 @@ def _distance_squared(height: int, width: int) -> npt.NDArray[np.float32]:
 def _response(gamma: float) -> npt.NDArray[np.uint8]:
     """The 8-bit code of each 16-bit value (65536,)."""
     return np.round(255.0 * (np.arange(65536) / 65535.0) ** (1.0 / gamma)).astype(np.uint8)
-
-
-_NUMBERS = ("k", "full_well_electrons", "read_noise_electrons", "gamma", "optics_blur_sigma_px")
 
 
 class LinearImageCamera:
