@@ -34,6 +34,7 @@ MAX_ERROR_Z = 3.3  # standard deviations of its prior by which a camera error is
 OUTSIDE_M = 0.3  # beyond the carpet no robot stands
 REPEATED_S = 0.4  # time over which the same points may be seen, to the bit, while the wheels turn
 MIRRORED_M, MIRRORED_RAD = 0.4, 0.2  # near where a mirrored image would put the robot
+MAX_LATE_M = 0.4  # by which a pose may be off if the camera's clock was set, and still be tracked
 MIN_LAG_M, MIN_SPEED_M_S = 0.04, 0.3  # jump and speed from which a clock may have been set
 LAG_ASIDE_M, LAG_ASIDE_RATIO = 0.04, 0.15  # beside its own way
 PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are not Gaussian: 3.7 sigma are not enough
@@ -82,10 +83,11 @@ class Integrity:
 
     def reset(self, confirmed: bool = False) -> None:
         """Nothing has been seen. confirmed: the pose was given."""
-        self.confirmed = confirmed
+        self.confirmed, self._proved = confirmed, False
         self.motion.reset()
         self.relation.reset()
         self.verdict, self.lag_s = ALL_WELL, 0.0
+        self._contradicted = False  # whether the first images did the pose that was given
         self.statistics: dict[str, float] = {}
         self._shares: list[float] = []
         self._since_jump = SHARE_MEMORY  # images
@@ -105,7 +107,9 @@ class Integrity:
         """Whether a pose may be tracked."""
         newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
-        return self.verdict.images and self.confirmed and sum(newest) >= least * len(newest)
+        late_m = abs(self.lag_s) * float(np.hypot(*self._velocity[:2]))
+        explains = sum(newest) >= least * len(newest)
+        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M
 
     @property
     def is_settled(self) -> bool:
@@ -118,7 +122,11 @@ class Integrity:
         """Why a pose may not be tracked."""
         if self.verdict.reason or self.is_believed:
             return self.verdict.reason
-        return "the pose explains too little of what is seen" if self.confirmed else "not yet confirmed by motion"
+        if not self.confirmed:
+            return "not yet confirmed by motion"
+        return (
+            "the pose has jumped" if self._since_jump < SHARE_MEMORY else "the pose explains too little of what is seen"
+        )
 
     def _measured(self) -> dict[str, float]:
         """Each statistic as a share of its threshold."""
@@ -169,7 +177,7 @@ class Integrity:
         if last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S:
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3])
             self.relation.update(sighting, history, late_s, jump.elsewhere)
-        self.confirmed = self.confirmed or self.relation.confirms or not len(history.odometry.samples)
+        self._confirm(jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank, best.explained)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
@@ -186,6 +194,15 @@ class Integrity:
         if jump.predicted is not None and self.verdict is ALL_WELL:
             self._take_jump(best.filter.pose, jump.predicted)
         return self.verdict
+
+    def _confirm(self, jump: Jump, moves: bool) -> None:
+        """A pose that was given holds where the image agrees; one that contradicts it is to be shown by turns, too: a
+        robot that drives ahead looks the same in mirrored images. moves: whether there is an odometry.
+        """
+        if jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
+            self.confirmed, self._contradicted = False, True
+        self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
+        self.confirmed = self.confirmed or self._proved or not moves
 
     def _take_jump(self, pose: Pose, predicted: Pose) -> None:
         """A pose that jumps to just where a mirrored or turned image would put it."""

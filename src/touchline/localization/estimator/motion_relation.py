@@ -270,8 +270,12 @@ class MotionRelation:
 
     @property
     def _is_telling(self) -> bool:
-        newest = np.abs(self._steps.told[-AGREEING:])
-        return float(newest[:, :2].sum()) > TELLING_M or float(newest[:, 2].sum()) > TELLING_RAD
+        return float(np.abs(self._steps.told[-AGREEING:, :2]).sum()) > TELLING_M or self.turns
+
+    @property
+    def turns(self) -> bool:
+        """Whether the robot has turned of late."""
+        return float(np.abs(self._steps.told[-AGREEING:, 2]).sum()) > TELLING_RAD
 
     @property
     def confirms(self) -> bool:
@@ -333,13 +337,24 @@ class MotionRelation:
         gains[: len(SIGNS)] -= FREEDOM - 1.0
         gains[len(SIGNS) :] -= FREEDOM
         gains[FIRST_LAG:] -= 1.0
-        best = int(np.argmax(gains))
-        # images that are turned or mirrored of a sudden break the chain of poses; an odometry does not
-        ambiguous = best < len(_BY_IMAGES) and not _BY_IMAGES[best] and gains[: len(_BY_IMAGES)][_BY_IMAGES].max()
-        if self._unbroken < WINDOW and ambiguous and ambiguous > gains[best] - CLEARLY:
-            best = int(np.argmax(np.where(_BY_IMAGES, gains[: len(_BY_IMAGES)], -np.inf)))
+        best = self._likeliest(gains)
         self._best = best
         self.gain, self.parameter, self._left = (float(each[best]) for each in (gains, values, left))
+
+    def _likeliest(self, gains: FloatArray) -> int:
+        """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
+        that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not.
+        """
+        best, count = int(np.argmax(gains)), len(_BY_IMAGES)
+        if best >= count:
+            return best
+        images, odometry = self._gyro_agrees()
+        by_images = self._unbroken < WINDOW
+        if min(images, odometry) < 0.5 * max(images, odometry) and max(images, odometry) > SIGMA_RAD:
+            by_images = odometry < images
+        of_culprit = np.where(by_images == _BY_IMAGES, gains[:count], -np.inf)
+        other = int(np.argmax(of_culprit))
+        return other if of_culprit[other] > gains[best] - CLEARLY else best
 
     @property
     def refutes_delay(self) -> bool:
