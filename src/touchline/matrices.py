@@ -48,6 +48,16 @@ def times(a, b):  # type: ignore[no-untyped-def]
     return out
 
 
+@njit(cache=True)
+def applied(matrix, vector):  # type: ignore[no-untyped-def]
+    """The product of a small matrix and a vector."""
+    out = np.zeros(len(matrix))
+    for i in range(len(matrix)):
+        for k in range(len(vector)):
+            out[i] += matrix[i, k] * vector[k]
+    return out
+
+
 @njit(cache=True, error_model="numpy")
 def log_determinant(matrix):  # type: ignore[no-untyped-def]
     """Logarithm of the determinant of a positive definite matrix, by elimination."""

@@ -17,7 +17,7 @@ from numba import njit
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import CameraErrors
 from touchline.localization.estimator.filter import Filter
-from touchline.matrices import inverse, log_determinant, times
+from touchline.matrices import applied, inverse, log_determinant, times
 
 MAX_LOG_ODDS = 30.0
 
@@ -66,23 +66,9 @@ def as_exact(pose, crossed, errors, mean, more):  # type: ignore[no-untyped-def]
     of the pose, its covariance (3, 3), and the logarithm of how much better the images fit so, but for the share of the
     two priors' own normalisation.
     """
-    count = len(mean)
     known = inverse(errors)
     wanted = known + more
-    after = inverse(wanted)
-    by_error = times(crossed, known)
-    off, fits = np.zeros(count), 0.0  # of the errors, what of them is taken back
-    for a in range(count):
-        said = 0.0
-        for b in range(count):
-            for c in range(count):
-                off[a] -= after[a, b] * more[b, c] * mean[c]
-            said += known[a, b] * mean[b]
-        fits += 0.5 * said * off[a]  # half of said' (after - errors) said
-    fits += 0.5 * (log_determinant(known) - log_determinant(wanted))
-    shift = np.zeros(3)
-    spread = pose + times(times(by_error, after - errors), by_error.T)
-    for a in range(3):
-        for b in range(count):
-            shift[a] += by_error[a, b] * off[b]
-    return shift, spread, fits
+    after, by_error = inverse(wanted), times(crossed, known)
+    off = -applied(after, applied(more, mean))  # of the errors, what of them is taken back
+    fits = (applied(known, mean) * off).sum() + log_determinant(known) - log_determinant(wanted)
+    return applied(by_error, off), pose + times(times(by_error, after - errors), by_error.T), 0.5 * fits

@@ -26,8 +26,9 @@ MIN_CLUTTER = 4  # and so many of few points: two or three beside a lone line's 
 MIN_RESIDUAL_M = 0.01  # smallest standard deviation of a point: the error of the distance map and carpet
 UNKNOWN_POSITION_M = 10.0  # standard deviation along a direction that no line observes: the field's size
 UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observes: the full circle
-# covariance of a pose of which nothing is known
+# covariance of a pose of which nothing is known, and its inverse
 ANYWHERE = np.diag(np.square([UNKNOWN_POSITION_M, UNKNOWN_POSITION_M, UNKNOWN_HEADING_RAD]))
+ANYWHERE_INFORMATION = np.linalg.inv(ANYWHERE)
 
 # standard deviations beyond which a pose is none: a robot that may stand a step to either side hits no ball
 MAX_DEVIATION_OF_POSITION_M = 0.5

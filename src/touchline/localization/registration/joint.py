@@ -22,7 +22,7 @@ from touchline.field.offset_map import OffsetTable, look_up_offset
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import fill_rows, place, prepare
 from touchline.localization.registration.feature_model import PointFeatures, best_place
-from touchline.matrices import inverse, log_determinant
+from touchline.matrices import applied, inverse, log_determinant
 
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _MIN_RANGE2_M2 = 0.01
@@ -210,7 +210,7 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
     camera = (errors, response)
     count = seen.positions_m.shape[0] + 2 * seen.raw_m.shape[0]
     sums = _Sums(np.empty((states, states)), np.empty(states), np.empty((states + 3, count)))
-    matrix, gradient, pull = sums.information, sums.gradient, np.empty(states)
+    matrix, gradient = sums.information, sums.gradient
     for k in range(plan.widths_m.shape[0] + 1):
         last = k == plan.widths_m.shape[0]
         width_m = 0.0 if last else plan.widths_m[k]
@@ -221,20 +221,12 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
         _add_up(sums)
         if last:
             break
-        for a in range(states):
-            pull[a] = gradient[a]
-            for b in range(states):
-                pull[a] += prior.information[a, b] * (prior.mean[b] - state[b])
-        back = inverse(matrix + prior.information)
-        for a in range(states):
-            step = 0.0
-            for b in range(states):
-                step += back[a, b] * pull[b]
-            state[a] += min(max(step, -_MAX_STEP), _MAX_STEP) if a < 3 else step
-    strain2 = 0.0
-    for a in range(states):
-        for b in range(states):
-            strain2 += prior.information[a, b] * (state[a] - prior.mean[a]) * (state[b] - prior.mean[b])
+        pull = gradient + applied(prior.information, prior.mean - state)
+        step = applied(inverse(matrix + prior.information), pull)
+        step[:3] = np.minimum(np.maximum(step[:3], -_MAX_STEP), _MAX_STEP)
+        state += step
+    strain = state - prior.mean
+    strain2 = (strain * applied(prior.information, strain)).sum()
     narrowed = log_determinant(prior.information + matrix) - log_determinant(prior.information)
     of = max(counts[_OF], 1e-9)
     return StateFit(

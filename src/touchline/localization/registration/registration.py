@@ -18,7 +18,7 @@ from touchline.field.distance_map import DistanceMap
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import Response
-from touchline.localization.registration.covariance import ANYWHERE
+from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
 from touchline.localization.registration.joint import Ground, Seen, StateFit, StatePrior, fit_state
 from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all
 
@@ -28,7 +28,6 @@ FLOOR_M = 0.01  # standard deviation that no point falls below: carpet, paint, t
 CLUTTER_PER_M = 0.1
 USUAL_NOISE = 0.8  # `Fit.noise` of points that err as they state
 NO_PLACES = AssociationTables(np.zeros((0, 2)), np.zeros((0, 0, 0), dtype=np.int16), 0.0, 0.0)
-_ANYWHERE_INFORMATION = np.linalg.inv(ANYWHERE)
 
 
 def _plan(widths_m: list[float]) -> Plan:
@@ -75,7 +74,7 @@ class Registration:
     ) -> Registered:
         """The pose that a plan's steps come to from a start (3,)."""
         fit = self.fit(positions_m, covariances_m2, start, plan)
-        covariance = np.linalg.inv(fit.information + _ANYWHERE_INFORMATION)
+        covariance = np.linalg.inv(fit.information + ANYWHERE_INFORMATION)
         return Registered(fit.pose, covariance, fit.explained, fit.noise / USUAL_NOISE, fit.log_likelihood)
 
     def fit(self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, plan: Plan = TRACKING) -> Fit:
@@ -96,4 +95,4 @@ class Registration:
 
 def covariances_of(fits: Fits) -> FloatArray:
     """(K, 3, 3) in (m, m, rad), as `Registered.covariance`."""
-    return np.asarray(np.linalg.inv(fits.information + _ANYWHERE_INFORMATION))
+    return np.asarray(np.linalg.inv(fits.information + ANYWHERE_INFORMATION))
