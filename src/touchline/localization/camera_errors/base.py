@@ -44,7 +44,20 @@ class ImageTrust(NamedTuple):
     min_noise: float
     free_fit: bool
 
+    def of(self, crude: bool) -> ImageTrust:
+        """That of an image, with limits of its own if it shows a crude cloud of points."""
+        if not crude:
+            return self
+        return self._replace(
+            max_gain=min(CRUDE_GAIN, self.max_gain),
+            found_gain=min(0.0, self.found_gain),
+            tracked_ratio=min(CRUDE_TRACKED, self.tracked_ratio),
+        )
 
+
+# what a crude cloud shows beside lines it shows in every image, and some wrong pose lays it on lines: that one has to
+# be better for seconds; the right one need not explain it
+CRUDE_GAIN, CRUDE_TRACKED = 0.5, 0.5
 # a mirror shows the field all round: a wrong pose is contradicted by a hundred points at once
 ALL_ROUND = ImageTrust(math.inf, math.inf, 0, 0.0, 1.0, 0.5, None, 0.25, 0.2, True)
 # a sector shows a few things, which err together, and what it was found in was fitted best of all places; a robot that

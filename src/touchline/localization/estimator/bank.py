@@ -201,12 +201,13 @@ class Bank:
             return
         self._weigh_unseen(every, image)
         top = max((one.log_evidence for one in self.members), default=math.inf)
+        trust = self.trust.of(image.seen.crude)
         for one in new:
             one.log_odds = before + carried
-            one.log_evidence = min(one.log_evidence, top + self.trust.found_gain)
+            one.log_evidence = min(one.log_evidence, top + trust.found_gain)
         top = max(one.log_evidence for one in every)
         for one in every:
-            one.log_odds += max(one.log_evidence - top, -self.trust.max_gain)
+            one.log_odds += max(one.log_evidence - top, -trust.max_gain)
         self._settle(every)
         self._fuse(image)
         self._update_from_team(evidence)

@@ -37,12 +37,14 @@ class PoseStatus:
         self.status = Status.TRACKING if tracking else Status.SEARCHING
         self.images, self.blind_frames = 0, 0
         self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
+        self._image_trust = self.trust
         self._contradicted_s = 0.0  # of that, time in which something was seen
 
     def sees(self, seen: Seen) -> bool:
         """Take what an image shows; whether that is enough to correct a pose."""
         shows = len(seen.positions_m) >= self.criteria.min_points or len(seen.raw_m) > 0
         self.blind_frames = 0 if shows else self.blind_frames + 1
+        self._image_trust = self.trust.of(seen.crude)
         return shows
 
     @property
@@ -86,7 +88,7 @@ class PoseStatus:
         if self.blind_frames == 0:
             self._contradicted_s = 0.0 if seen_and_fits else self._contradicted_s + seconds
         decided = self.is_likely(bank) and end.is_decided(self.criteria.min_probability)
-        ratio = self.trust.tracked_ratio if tracked else 1.0
+        ratio = self._image_trust.tracked_ratio if tracked else 1.0
         explained = self.blind_frames > 0 or self._explained >= ratio * self.criteria.min_explained
         if decided and explained and is_observed(best.filter.covariance) and not self.is_blind:
             self.status, bank.confirmed = Status.TRACKING, True

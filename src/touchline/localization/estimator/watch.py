@@ -10,7 +10,7 @@ from touchline.geometry import Pose
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
 from touchline.localization.registration.feature_model import FeatureView
-from touchline.localization.registration.seen import POINT_SHARE
+from touchline.localization.registration.seen import POINT_SHARE, evenly_counted
 from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
 from touchline.localization.search.pose_search import Known, Mode
 
@@ -57,9 +57,10 @@ class FieldWatch:
         camera's errors that are known; known: of the pose.
         """
         best, knowing, trust = bank.best, bank.knowing, bank.trust
-        upright = placed_points(image.seen.positions_m, knowing.errors, image.response)
+        seen = evenly_counted(image.seen)
+        upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        searched = Searched(image.seen, view, upright, expected, image.response, trust.free_fit)
+        searched = Searched(seen, view, upright, expected, image.response, trust.free_fit)
         modes = self.search.modes(searched, known, part)
         if part != WHOLE and trust.free_fit and best is not None and best.fit is not None:
             min_likely = best.fit.log_likelihood / POINT_SHARE - HOPELESS

@@ -7,6 +7,7 @@ import numpy as np
 from touchline.geometry import FloatArray
 from touchline.localization.registration.features import NO_POINTS, Features
 from touchline.localization.registration.joint import Seen
+from touchline.localization.registration.line_likeness import count_points
 from touchline.types import LinePoints, Lines, Observation
 
 REPEATED = 2.6  # of so many points one counts in the information: neighbours err together, and again in the next image
@@ -18,17 +19,25 @@ FEATURE_SHARE = 1.0  # so much a crossing or a landmark beside the line points t
 SPACING_M = 0.25  # between points that are laid on such a line
 
 
-def repeated(count: int) -> float:
+def repeated(count: float) -> float:
     """Of so many points one counts, where they err as they state."""
-    return REPEATED * (1.0 + FEW / max(count, 1))
+    return REPEATED * (1.0 + FEW / max(count, 1.0))
 
 
 def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     """noise: ratio of the variances of line points, as learned, to those that they state."""
+    line_ratio, crude = 1.0, False
     if len(observation.points):
         points = observation.points
-        shares: FloatArray = POINT_SHARE * np.minimum(np.maximum(points.confidences, MIN_CONFIDENCE), 1.0)
-        noise *= POINT_SHARE * repeated(len(points))
+        shares: FloatArray = np.minimum(np.maximum(points.confidences, MIN_CONFIDENCE), 1.0)
+        if not len(observation.lines):
+            cloud = (np.ascontiguousarray(rows) for rows in (points.positions_m, points.covariances_m2, shares))
+            positions_m, covariances_m2, shares, line_ratio, crude = count_points(*cloud)
+            unknown = np.full((len(positions_m), 2), np.nan)
+            points = LinePoints(positions_m, covariances_m2, shares, unknown)
+        count = float(shares.sum()) if crude else len(points)
+        shares = POINT_SHARE * shares
+        noise *= POINT_SHARE * repeated(count)
     else:
         points, shares = points_on(observation.lines)
     found = features.points_of(observation)
@@ -40,6 +49,21 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
         found._replace(positions_m=found.positions_m.copy()),
         np.ascontiguousarray(found.positions_m),
         FEATURE_SHARE,
+        line_ratio,
+        crude,
+    )
+
+
+def evenly_counted(seen: Seen) -> Seen:
+    """The same with line points that all count alike: of a crude cloud as many as it counts, drawn by their shares."""
+    if not seen.crude:
+        return seen
+    summed = np.cumsum(seen.shares) / POINT_SHARE
+    rows = np.unique(np.searchsorted(summed, np.arange(0.5, summed[-1]))) if len(summed) else np.zeros(0, dtype=np.intp)
+    return seen._replace(
+        positions_m=seen.positions_m[rows],
+        covariances_m2=seen.covariances_m2[rows],
+        shares=np.full(len(rows), POINT_SHARE),
     )
 
 
@@ -47,7 +71,7 @@ def seen_points(points: LinePoints, share: float) -> Seen:
     """Line points alone, each of which counts as so many independent ones."""
     positions_m = np.ascontiguousarray(points.positions_m)
     shares, covariances_m2 = np.full(len(positions_m), share), np.ascontiguousarray(points.covariances_m2)
-    return Seen(positions_m, covariances_m2, shares, 1.0, NO_POINTS, NO_POINTS.positions_m, 0.0)
+    return Seen(positions_m, covariances_m2, shares, 1.0, NO_POINTS, NO_POINTS.positions_m, 0.0, 1.0, False)
 
 
 def points_on(lines: Lines) -> tuple[LinePoints, FloatArray]:

@@ -1,0 +1,208 @@
+"""Which line points count, and how much: more points on a thing are no more information, and what is no line is none.
+
+Clouds of crude detectors hold what else is white, too, laid on the ground: robots, nets, posts, balls, and hundreds of
+points on each metre of a line. Here they are thinned to cells of the ground, a stretch of line counts as a few points,
+and a point counts as far as its neighbours lie on a line with it. The points of a detector that looks along scan lines
+are hardly denser than that, and stay as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from touchline.geometry import FloatArray
+
+CELL_M, PER_CELL = 0.12, 3  # points of a square are one, their mean, where there are more of them
+NEAR_M, NEARBY = 0.3, 12.0  # so many points so near count, however many there are
+MIN_NEIGHBOURS = 4  # fewer don't show a line
+STRIP_M, STRIP_SIGMAS = 0.04, 0.5  # half the width of a stretch of line, and its share of the points' deviation
+STRIP_RATIO, MAX_REACH_M = 4.0, 0.6  # half its length to half its width
+MIN_LENGTH_M = 0.25
+# share of the neighbours that lie on the best stretch: mean of a place, in a heap and on lines; of one point, in a heap
+# and where two lines meet
+NO_LINE, LINE = 0.5, 0.65
+NO_CORNER, CORNER = 0.35, 0.5
+RADIAL_SINE, RADIAL = math.sin(math.radians(12.0)), 0.3  # what stands is laid on the ground away from the robot
+CLEAN = 0.8  # share of their weight that points of a detector of lines keep: those stay as they are
+MAX_POINTS = 40.0  # all of a crude cloud counts as so many points: its lines err together
+DIRECTIONS = 12
+_ANGLES = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
+_COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
+
+
+class Counted(NamedTuple):
+    """Points that count: positions_m (M, 2), covariances_m2 (M, 2, 2), weights (M,): as so many points each.
+
+    line_ratio: share of the cells that are seen, as they are weighed, that lies on lines of any kind. crude: whether
+    points were left out.
+    """
+
+    positions_m: FloatArray
+    covariances_m2: FloatArray
+    weights: FloatArray
+    line_ratio: float
+    crude: bool
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slot(cells, x, y):  # type: ignore[no-untyped-def]
+    """Row of cell x, y in a table (K, 3) of x, y, number of points; K a power of two, empty rows without points."""
+    mask = cells.shape[0] - 1
+    k = ((x * 73856093) ^ (y * 19349663)) & mask
+    while cells[k, 2] != 0 and (cells[k, 0] != x or cells[k, 1] != y):
+        k = (k + 1) & mask
+    return k
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cells_of(points, size_m):  # type: ignore[no-untyped-def]
+    """Table of the cells that points (N, 2) lie in, as of `_slot`, and the row of each point (N,)."""
+    rows = 64
+    while rows < 2 * points.shape[0]:
+        rows *= 2
+    cells, slots = np.zeros((rows, 3), dtype=np.int64), np.empty(points.shape[0], dtype=np.int64)
+    for i in range(points.shape[0]):
+        x, y = math.floor(points[i, 0] / size_m), math.floor(points[i, 1] / size_m)
+        k = _slot(cells, x, y)
+        cells[k, 0], cells[k, 1] = x, y
+        cells[k, 2] += 1
+        slots[i] = k
+    return cells, slots
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _thinned(points, covariances, weights):  # type: ignore[no-untyped-def]
+    """The same with one point, their mean, for those of a crowded cell; itself where there is none."""
+    cells, slots = _cells_of(points, CELL_M)
+    n, of_cell = 0, np.full(cells.shape[0], -1)
+    positions, spreads, counted = np.zeros_like(points), np.zeros_like(covariances), np.zeros_like(weights)
+    for i in range(points.shape[0]):
+        k = slots[i]
+        row, share, most = n, 1.0, 1.0
+        if cells[k, 2] > PER_CELL:
+            share, most = 1.0 / cells[k, 2], float(PER_CELL)
+            row = n if of_cell[k] < 0 else of_cell[k]
+            of_cell[k] = row
+        n += row == n
+        positions[row] += share * points[i]
+        spreads[row] += share * covariances[i]
+        counted[row] += share * most * weights[i]
+    for k in range(cells.shape[0]):
+        if of_cell[k] >= 0:  # of a line that lies on the edge of two cells, the narrow piece counts less
+            densest = cells[k, 2]
+            for dx in range(-1, 2):
+                for dy in range(-1, 2):
+                    densest = max(densest, cells[_slot(cells, cells[k, 0] + dx, cells[k, 1] + dy), 2])
+            counted[of_cell[k]] *= cells[k, 2] / densest
+    return positions[:n], spreads[:n], counted[:n]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _strip(near, half_m):  # type: ignore[no-untyped-def]
+    """How many of offsets (K, 2) lie on the fullest strip of half a width, its length (m), its direction's row."""
+    best, length, direction = 0, 0.0, 0
+    for a in range(DIRECTIONS):
+        c, s = _COSINES[a], _SINES[a]
+        count, low, high = 0, 0.0, 0.0
+        for j in range(near.shape[0]):
+            if abs(near[j, 0] * s - near[j, 1] * c) < half_m:
+                along = near[j, 0] * c + near[j, 1] * s
+                low, high = min(low, along), max(high, along)
+                count += 1
+        if count > best:
+            best, length, direction = count, high - low, a
+    return best, length, direction
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
+    """Append the neighbours of point i, in cell row, to the lists; the new end."""
+    cells, first, after, found, end = lists
+    rings = math.ceil(reach_m / NEAR_M)
+    for gx in range(cells[row, 0] - rings, cells[row, 0] + rings + 1):
+        for gy in range(cells[row, 1] - rings, cells[row, 1] + rings + 1):
+            j = first[_slot(cells, gx, gy)]
+            while j >= 0:
+                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                if dx * dx + dy * dy < reach_m * reach_m and j != i:
+                    found[end] = j
+                    end += 1
+                j = after[j]
+    return end
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
+    """(N,) factors of the weights by neighbours: for density, and for how alike a line it is; (N,) which are radial."""
+    cells, slots = _cells_of(points, NEAR_M)
+    n = points.shape[0]
+    first, after = np.full(cells.shape[0], -1), np.empty(n, dtype=np.int64)
+    density, ratios, radial = np.ones(n), np.full(n, -1.0), np.zeros(n, dtype=np.bool_)
+    near = np.empty((n, 2))
+    found, ends = np.empty(16 * n + 64, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+    for i in range(n):
+        after[i] = first[slots[i]]
+        first[slots[i]] = i
+    for i in range(n):
+        x, y = points[i, 0], points[i, 1]
+        half_m = STRIP_M + STRIP_SIGMAS * math.sqrt(0.5 * (covariances[i, 0, 0] + covariances[i, 1, 1]))
+        half_m = min(half_m, MAX_REACH_M / STRIP_RATIO)
+        if found.shape[0] < ends[i] + n:
+            found = np.concatenate((found, np.empty(found.shape[0] + n, dtype=np.int64)))
+        lists, reach_m = (cells, first, after, found, ends[i]), max(NEAR_M, STRIP_RATIO * half_m)
+        ends[i + 1] = _neighbours(points, i, slots[i], lists, reach_m)
+        nearby, k = weights[i], ends[i + 1] - ends[i]
+        for m in range(k):
+            j = found[ends[i] + m]
+            near[m, 0], near[m, 1] = points[j, 0] - x, points[j, 1] - y
+            if near[m, 0] * near[m, 0] + near[m, 1] * near[m, 1] < NEAR_M * NEAR_M:
+                nearby += weights[j]
+        if nearby > NEARBY:
+            density[i] = NEARBY / nearby
+        if k >= MIN_NEIGHBOURS:
+            best, length, direction = _strip(near[:k], half_m)
+            ratios[i] = best / k if length >= MIN_LENGTH_M else 0.0
+            across = abs(_COSINES[direction] * y - _SINES[direction] * x)
+            radial[i] = across < RADIAL_SINE * math.sqrt(x * x + y * y)
+    return density, _likeness(ratios, found, ends), radial
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _likeness(ratios, found, ends):  # type: ignore[no-untyped-def]
+    """(N,) from 0 to 1, by the share on the best strip of each point (N,), -1 if unknown, and of its neighbours."""
+    likeness = np.ones(ratios.shape[0])
+    for i in range(ratios.shape[0]):
+        known = ratios[i] >= 0.0
+        total, count = (ratios[i], 1) if known else (0.0, 0)
+        for m in range(ends[i], ends[i + 1]):
+            if ratios[found[m]] >= 0.0:
+                total += ratios[found[m]]
+                count += 1
+        if count > 0:
+            likeness[i] = min(max((total / count - NO_LINE) / (LINE - NO_LINE), 0.0), 1.0)
+        if known:
+            likeness[i] *= min(max((ratios[i] - NO_CORNER) / (CORNER - NO_CORNER), 0.0), 1.0)
+    return likeness
+
+
+@numba.njit(cache=True, error_model="numpy")
+def count_points(points, covariances, weights):  # type: ignore[no-untyped-def]
+    """What counts (`Counted`) of points (N, 2), robot frame, with covariances (N, 2, 2) and weights (N,)."""
+    total = max(weights.sum(), 1e-9)
+    if points.shape[0] == 0:
+        return Counted(points.copy(), covariances.copy(), weights.copy(), 1.0, False)
+    thin, spreads, counts = _thinned(points, covariances, weights)
+    density, likeness, radial = _judged(thin, spreads, counts)
+    counts *= density
+    line_ratio = (counts * likeness).sum() / max(counts.sum(), 1e-9)
+    counts *= likeness
+    if counts.sum() > CLEAN * total:
+        return Counted(points.copy(), covariances.copy(), weights.copy(), 1.0, False)
+    counts = np.where(radial, RADIAL * counts, counts)
+    counts *= min(MAX_POINTS / max(counts.sum(), 1e-9), 1.0)
+    kept = counts > 0.0
+    return Counted(thin[kept], spreads[kept], counts[kept], line_ratio, True)
