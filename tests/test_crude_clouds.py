@@ -15,8 +15,7 @@ from touchline.experiments.faults import seeing
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors import PerspectiveErrors
-from touchline.localization.camera_errors.base import ALL_ROUND
+from touchline.localization.camera_errors.base import ALL_ROUND, SECTOR
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.line_likeness import (
     CELL_M,
@@ -88,7 +87,7 @@ def test_crowded_cells_are_thinned_to_their_means() -> None:
     assert weights[order] == pytest.approx(np.array(expected_weights)[wanted])
 
 
-@pytest.mark.parametrize("count", [300, 1000, 5000])
+@pytest.mark.parametrize("count", [900, 2000, 5000])
 def test_information_does_not_grow_with_density(count: int) -> None:
     lines = [((1.0, -2.0), (1.0, 2.0)), ((1.0, 2.0), (4.0, 2.0)), ((-2.0, -3.0), (3.0, -3.0))]
     found = counted(np.concatenate([painted(*line, count // 3) for line in lines]))
@@ -138,12 +137,13 @@ def test_a_search_takes_as_many_points_as_a_cloud_counts() -> None:
 
 
 def test_a_crude_image_convicts_no_pose_by_itself() -> None:
-    sector = PerspectiveErrors.of(None, 1.0).trust
-    for trust in (ALL_ROUND, sector):
+    for trust in (ALL_ROUND, SECTOR):
         assert trust.of(crude=False) is trust
         assert trust.of(crude=True).max_gain < 1.0
         assert trust.of(crude=True).found_gain == 0.0
         assert trust.of(crude=True).tracked_ratio == 0.5
+        assert trust.of(crude=False).share(0.4) == 0.4
+        assert trust.of(crude=True).share(0.4) == pytest.approx(0.7)
 
 
 def cloud_of(drive: Drive, density: int, clutter: float) -> Drive:

@@ -30,7 +30,8 @@ class ImageTrust(NamedTuple):
     right pose explains; the whole field is searched where it is less; None: `min_explained`. unseen: how much a
     crossing of a ray with a line counts where no point was seen, beside a point that was. min_noise: of points, as a
     share of the variances that they state, however small their residuals: neighbours err together. free_fit: whether
-    line points have a pose by themselves; those of a sector may slide along a line.
+    line points have a pose by themselves; those of a sector may slide along a line. excused: share of what is
+    not explained that may be clutter.
     """
 
     max_gain: float
@@ -43,6 +44,7 @@ class ImageTrust(NamedTuple):
     unseen: float
     min_noise: float
     free_fit: bool
+    excused: float = 0.0
 
     def of(self, crude: bool) -> ImageTrust:
         """That of an image, with limits of its own if it shows a crude cloud of points."""
@@ -52,12 +54,17 @@ class ImageTrust(NamedTuple):
             max_gain=min(CRUDE_GAIN, self.max_gain),
             found_gain=min(0.0, self.found_gain),
             tracked_ratio=min(CRUDE_TRACKED, self.tracked_ratio),
+            excused=CRUDE_EXCUSED,
         )
+
+    def share(self, explained: float) -> float:
+        """The share that a pose explains of what is seen, without what may be clutter."""
+        return 1.0 - (1.0 - self.excused) * (1.0 - explained)
 
 
 # what a crude cloud shows beside lines it shows in every image, and some wrong pose lays it on lines: that one has to
 # be better for seconds; the right one need not explain it
-CRUDE_GAIN, CRUDE_TRACKED = 0.5, 0.5
+CRUDE_GAIN, CRUDE_TRACKED, CRUDE_EXCUSED = 0.5, 0.5, 0.5
 # a mirror shows the field all round: a wrong pose is contradicted by a hundred points at once
 ALL_ROUND = ImageTrust(math.inf, math.inf, 0, 0.0, 1.0, 0.5, None, 0.25, 0.2, True)
 # a sector shows a few things, which err together, and what it was found in was fitted best of all places; a robot that

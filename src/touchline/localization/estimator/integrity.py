@@ -178,7 +178,7 @@ class Integrity:
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3])
             self.relation.update(sighting, history, late_s, jump.elsewhere)
         self._confirm(jump, len(history.odometry.samples) > 0)
-        self._take_share(image, bank, best.explained)
+        self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         errors, prior = best.filter.errors, best.filter.initial.errors

@@ -17,7 +17,7 @@ import numpy as np
 from touchline.geometry import FloatArray
 
 CELL_M, PER_CELL = 0.12, 3  # points of a square are one, their mean, where there are more of them
-NEAR_M, NEARBY = 0.3, 12.0  # so many points so near count, however many there are
+NEAR_M, NEARBY = 0.3, 8.0  # so many points so near count, however many there are
 MIN_NEIGHBOURS = 4  # fewer don't show a line
 STRIP_M, STRIP_SIGMAS = 0.04, 0.5  # half the width of a stretch of line, and its share of the points' deviation
 STRIP_RATIO, MAX_REACH_M = 4.0, 0.6  # half its length to half its width
@@ -27,7 +27,9 @@ MIN_LENGTH_M = 0.25
 NO_LINE, LINE = 0.5, 0.65
 NO_CORNER, CORNER = 0.35, 0.5
 RADIAL_SINE, RADIAL = math.sin(math.radians(12.0)), 0.3  # what stands is laid on the ground away from the robot
-CLEAN = 0.8  # share of their weight that points of a detector of lines keep: those stay as they are
+# share of their weight that points of a detector of lines keep, and dense ones of which such a share lies on lines:
+# those stay as they are
+CLEAN, DENSE, PURE = 0.8, 0.5, 0.95
 MAX_POINTS = 40.0  # all of a crude cloud counts as so many points: its lines err together
 DIRECTIONS = 12
 _ANGLES = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
@@ -200,7 +202,7 @@ def count_points(points, covariances, weights):  # type: ignore[no-untyped-def]
     counts *= density
     line_ratio = (counts * likeness).sum() / max(counts.sum(), 1e-9)
     counts *= likeness
-    if counts.sum() > CLEAN * total:
+    if counts.sum() > (DENSE if line_ratio > PURE else CLEAN) * total:
         return Counted(points.copy(), covariances.copy(), weights.copy(), 1.0, False)
     counts = np.where(radial, RADIAL * counts, counts)
     counts *= min(MAX_POINTS / max(counts.sum(), 1e-9), 1.0)
