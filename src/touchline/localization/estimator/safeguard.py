@@ -26,6 +26,7 @@ from touchline.motion.delayed import Delayed, delayed, moving
 
 KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one is taken: an alarm comes so late
 NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
+CLOCK_S = 0.2  # of a delay that a jump of the pose may take back: a clock was set; a shove makes smaller ones
 CLEARLY = 4.0  # squared Mahalanobis distance by which one end is nearer to the pose that was held
 MAX_HELD_S = 60.0  # for which a pose is carried: then it tells no end
 
@@ -85,7 +86,8 @@ class Safeguard:
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
             return (f"{verdict.reason}: corrected",)
-        back = abs(self.integrity.lag_s + delay.corrected_s) < 2.0 * NAMED_DELAY_DEVIATION_S  # the clock was set back
+        back = abs(self.integrity.lag_s + delay.corrected_s) < 2.0 * NAMED_DELAY_DEVIATION_S
+        back &= delay.corrected_s > CLOCK_S
         if delay.corrected_s and (back or self.integrity.relation.refutes_delay):
             delay.reset()
             bank.take_delay(0.0, NAMED_DELAY_DEVIATION_S)
@@ -99,7 +101,8 @@ class Safeguard:
             self._release(stamp_ns, bank, end)
             if delay.corrected_s:
                 bank.take_delay(delay.corrected_s, delay.deviation_s)
-        return (verdict.reason,) if verdict.reason else ()
+        camera = self.integrity.camera_problem
+        return tuple(each for each in (verdict.reason, camera) if each)
 
     def keep(self, stamp_ns: int, one: Filter, end: FieldEnd) -> None:
         """Remember a pose that is tracked, every now and then."""

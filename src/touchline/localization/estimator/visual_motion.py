@@ -16,6 +16,7 @@ from touchline.matrices import inverse
 
 LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only images know
 MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
+MAX_SPARSE_S = 3.0  # between images all round, over which they are still steps of one chain
 MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
@@ -64,14 +65,18 @@ class VisualMotion:
         cosine, sine = math.cos(heading), math.sin(heading)
         return np.array([cosine * x + sine * y, cosine * y - sine * x, turn])
 
-    def update(self, stamp_ns: int, image: Image, camera: Camera, found: FloatArray) -> Sighting:
-        """Take an image. found (3,): pose at which the system has it, where the chain begins, or begins anew."""
+    def update(self, stamp_ns: int, image: Image, camera: Camera, found: FloatArray, elsewhere: bool) -> Sighting:
+        """Take an image. found (3,): pose at which the system has it, where the chain begins, or begins anew.
+
+        elsewhere: whether it was found anew.
+        """
         last = self.last
-        begun = last is None or stamp_ns - last.stamp_ns > 1e9 * MAX_GAP_S
-        if last is None or begun:
-            best = self._registered(stamp_ns, image, camera, found)._replace(begun=True)
+        seconds = math.inf if last is None else 1e-9 * (stamp_ns - last.stamp_ns)
+        if last is None or seconds > MAX_GAP_S:
+            begun = seconds > MAX_SPARSE_S or elsewhere or not camera.all_round
+            best = self._registered(stamp_ns, image, camera, found)._replace(begun=begun)
+            self._velocity = np.zeros(3)
         else:
-            seconds = 1e-9 * (stamp_ns - last.stamp_ns)
             best = self._registered(stamp_ns, image, camera, last.pose + seconds * self._velocity, FOLLOWING)
             if best.explained < MIN_EXPLAINED or not camera.all_round:
                 still = self._registered(stamp_ns, image, camera, last.pose)
@@ -79,7 +84,7 @@ class VisualMotion:
                 other = self._registered(stamp_ns, image, camera, found)
                 if other.log_likelihood > best.log_likelihood + (LOST if camera.all_round else 0.0):
                     best = other._replace(begun=is_far(other.pose, last.pose))
-            if seconds > 0.0 and not best.begun:
+            if seconds > 0.0:
                 self._velocity = difference(best.pose, last.pose) / seconds
         if best.begun:
             self._velocity = np.zeros(3)
