@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from touchline.experiments.clutter import Points, anew, blob, false_line, one_line, riding, ring, shown, uniform
 from touchline.experiments.drives import Drive, drive_of
-from touchline.experiments.faults import (
+from touchline.experiments.injections import (
     Fault,
-    blob,
-    false_line,
-    far_points,
-    one_line,
-    ring,
+    ahead,
+    both,
     spliced,
     stuck_compass,
     turned_compass,
-    uniform_points,
 )
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
@@ -30,9 +27,10 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.types import Estimate, Frame, LinePoints, Observation, Status, points_at
+from touchline.types import Estimate, Status
 
-POINT_ARRAYS = [field.name for field in fields(LinePoints)]
+UNIFORM, FAR, RING = (shown(anew(shape), besides=False) for shape in (uniform, ring(1e6), ring(1.0)))
+BLOB = shown(riding(blob(20.0, 20.0)), besides=False)
 BOTH = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl"])
 
 
@@ -61,7 +59,7 @@ def wrong(drive: Drive, estimates: list[Estimate]) -> int:
 
 @BOTH
 @pytest.mark.parametrize("start_s", [0.0, 1.5])
-@pytest.mark.parametrize("garbage", [uniform_points, far_points, blob, ring])
+@pytest.mark.parametrize("garbage", [UNIFORM, FAR, BLOB, RING])
 def test_garbage_is_not_tracked(name: str, start_s: float, garbage: object) -> None:
     drive = Fault("garbage", start_s, 9.0, garbage).laid_into(driven(1), np.random.default_rng(0))  # type: ignore[arg-type]
     estimates = localized(name, drive)
@@ -70,13 +68,15 @@ def test_garbage_is_not_tracked(name: str, start_s: float, garbage: object) -> N
 
 
 def test_the_paper_believes_garbage() -> None:
-    drive = Fault("ring", 0.0, 9.0, ring).laid_into(driven(1), np.random.default_rng(0))
+    drive = Fault("ring", 0.0, 9.0, RING).laid_into(driven(1), np.random.default_rng(0))
     assert wrong(drive, localized("nubot-mti", drive, "paper.failure.doubt=false")) > 20
 
 
 @BOTH
 def test_a_false_line_moves_nothing_and_is_told(name: str) -> None:
-    drive = Fault("false line", 1.5, 3.0, false_line).laid_into(driven(1), np.random.default_rng(0))
+    drive = Fault("false line", 1.5, 3.0, shown(false_line, besides=False)).laid_into(
+        driven(1), np.random.default_rng(0)
+    )
     estimates = localized(name, drive)
     assert wrong(drive, estimates) == 0
     assert any("the lines contradict the odometry" in estimate.problems for estimate in estimates[15:29])
@@ -85,12 +85,12 @@ def test_a_false_line_moves_nothing_and_is_told(name: str) -> None:
 
 @BOTH
 def test_one_line_leaves_a_long_ellipse_or_no_pose(name: str) -> None:
-    drive = Fault("one line", 0.0, 9.0, one_line(0.0)).laid_into(driven(2), np.random.default_rng(0))
+    drive = Fault("one line", 0.0, 9.0, one_line).laid_into(driven(2), np.random.default_rng(0))
     assert wrong(drive, localized(name, drive)) == 0
 
 
 @BOTH
-@pytest.mark.parametrize("fault", [turned_compass, stuck_compass(1.5)])
+@pytest.mark.parametrize("fault", [turned_compass, stuck_compass])
 def test_a_compass_that_fails_moves_nothing(name: str, fault: object) -> None:
     drive = Fault("compass", 1.5, 3.0, fault).laid_into(driven(1), np.random.default_rng(0))  # type: ignore[arg-type]
     estimates = localized(name, drive)
@@ -115,13 +115,8 @@ SHOVE_M = 0.2
 ALL = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl", "iris-fusion"])
 
 
-def moved_as_the_compass_turns(drive: Drive, index: int, rng: np.random.Generator) -> Frame:
-    """The compass shows the opposite, and the robot stands farther back than the odometry has it."""
-    frame = turned_compass(drive, index, rng)
-    assert frame.observation is not None
-    points = frame.observation.points
-    shifted = replace(points, positions_m=points.positions_m + np.array([SHOVE_M, 0.0]))
-    return replace(frame, observation=Observation(frame.stamp_ns, shifted))
+MOVED_AS_THE_COMPASS_TURNS = both(turned_compass, ahead(SHOVE_M))
+"""The compass shows the opposite, and the robot stands farther back than the odometry has it."""
 
 
 def poses_of_moved(truth: np.ndarray, to_twin: bool) -> np.ndarray:
@@ -132,7 +127,7 @@ def poses_of_moved(truth: np.ndarray, to_twin: bool) -> np.ndarray:
 
 @ALL
 def test_a_robot_carried_to_its_twin_is_at_either_end_and_found_by_the_compass_when_carried_again(name: str) -> None:
-    drive = Fault("carried", 1.5, 9.0, moved_as_the_compass_turns).laid_into(driven(1), np.random.default_rng(0))
+    drive = Fault("carried", 1.5, 9.0, MOVED_AS_THE_COMPASS_TURNS).laid_into(driven(1), np.random.default_rng(0))
     drive = replace(drive, truth=np.concatenate((drive.truth[:15], poses_of_moved(drive.truth[15:], to_twin=True))))
     drive = spliced(drive, driven(3), 2.5)
     estimates = localized(name, drive)
@@ -143,7 +138,7 @@ def test_a_robot_carried_to_its_twin_is_at_either_end_and_found_by_the_compass_w
 
 @ALL
 def test_a_compass_that_fails_in_the_frame_of_a_shove_moves_nothing(name: str) -> None:
-    fault = Fault("shoved", 1.5, 2.5, moved_as_the_compass_turns)
+    fault = Fault("shoved", 1.5, 2.5, MOVED_AS_THE_COMPASS_TURNS)
     drive = fault.laid_into(driven(1), np.random.default_rng(0))
     moved = poses_of_moved(drive.truth[15:25], to_twin=False)
     drive = replace(drive, truth=np.concatenate((drive.truth[:15], moved, drive.truth[25:])))
@@ -235,23 +230,21 @@ def test_the_learned_offset_is_bounded_in_total() -> None:
     assert math.isfinite(one.offset_rad)
 
 
-def cables(drive: Drive, index: int, rng: np.random.Generator) -> Frame:
-    """A frame with three points in ten on cables two metres long, which lie where they lie."""
-    frame, places = drive.frames[index], np.random.default_rng(7).uniform((-9.0, -6.0), (9.0, 6.0), (14, 2))
-    assert frame.observation is not None
-    points = frame.observation.points
-    pose = Pose(*drive.truth[index].tolist())
-    near = places[np.argsort(np.hypot(*(places - [pose.x, pose.y]).T))[:3]]
-    count = round(3 / 7 * len(points))
-    on_them = near[rng.integers(0, 3, count)] + rng.uniform(-1.0, 1.0, (count, 1)) * [0.5, 0.87]
-    beside = points_at(pose.inverse().transform(on_them))
-    together = (np.concatenate((getattr(points, name), getattr(beside, name))) for name in POINT_ARRAYS)
-    return replace(frame, observation=Observation(frame.stamp_ns, LinePoints(*together)))
+def cables(drive: Drive, first: int, rng: np.random.Generator) -> Points:
+    """Cables two metres long, which lie where they lie, the three nearest."""
+    places = np.random.default_rng(7).uniform((-9.0, -6.0), (9.0, 6.0), (14, 2))
+
+    def points(pose: Pose) -> np.ndarray:
+        near = places[np.argsort(np.hypot(*(places - [pose.x, pose.y]).T))[:3]]
+        on_them = near[rng.integers(0, 3, 200)] + rng.uniform(-1.0, 1.0, (200, 1)) * [0.5, 0.87]
+        return pose.inverse().transform(on_them)
+
+    return points
 
 
 @BOTH
 def test_three_points_in_ten_on_no_line_raise_no_alarm(name: str) -> None:
-    drive = Fault("cables", 0.5, 9.0, cables).laid_into(driven(2), np.random.default_rng(0))
+    drive = Fault("cables", 0.5, 9.0, shown(cables, ratio=(0.3, 0.3))).laid_into(driven(2), np.random.default_rng(0))
     estimates = localized(name, drive)
     assert all(estimate.status is Status.TRACKING for estimate in estimates[5:])
     assert wrong(drive, estimates) == 0
@@ -285,7 +278,7 @@ def test_a_compass_false_from_the_first_frame_leaves_both_ends_named(name: str) 
 def test_a_pose_that_only_held_against_the_search_is_looked_at_again_before_it_is_believed(
     held_error: float, doubted: bool
 ) -> None:
-    drive = Fault("ring", 0.0, 9.0, ring).laid_into(driven(1), np.random.default_rng(0))
+    drive = Fault("ring", 0.0, 9.0, RING).laid_into(driven(1), np.random.default_rng(0))
     made = NubotMti(RobotSetup(drive.field), NubotMtiSettings(), np.random.default_rng(0))
     frame = drive.frames[0]
     made.history.add(frame)

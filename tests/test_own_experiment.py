@@ -10,7 +10,7 @@ import pytest
 from touchline.evaluation.points.point_set import PointSet
 from touchline.experiments import own, own_ablations, own_points
 from touchline.experiments.drives import Kidnapped, Track, driven
-from touchline.experiments.faults import Fault, unseen
+from touchline.experiments.injections import Fault, unseen
 from touchline.experiments.own import COLUMNS, Errors
 from touchline.experiments.own_points import OWN, SYSTEMS, VIEWS, row
 from touchline.field import open_field

@@ -11,7 +11,7 @@ import pytest
 
 from touchline.experiments import own_humanoids
 from touchline.experiments.drives import Drive
-from touchline.experiments.faults import FALL_S, carried, drifting, fallen, looking_lower, misjudged
+from touchline.experiments.injections import FALL_S, carried, drifting, fallen, looking_lower, misjudged
 from touchline.experiments.schulz_runs import AS_SIMULATED, dead_reckoned, walk
 from touchline.geometry import wrap_angle
 from touchline.simulation.cameras.perspective import humanoid_camera

@@ -13,7 +13,7 @@ import pytest
 
 from touchline.evaluation.runner import robot_setup
 from touchline.experiments.drives import Drive
-from touchline.experiments.faults import FALL_S, fallen
+from touchline.experiments.injections import FALL_S, fallen
 from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations

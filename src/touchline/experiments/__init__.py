@@ -55,7 +55,7 @@ EXPERIMENTS = {
         Experiment("iris-track", "figure 17: from A to B, by mode", "iris_tracks"),
         Experiment("iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances"),
         Experiment("iris-timing", "section III.C: time of one update", "timing"),
-        Experiment("reliability", "faults of eyes, wheels, compass; kidnaps in play", "reliability"),
+        Experiment("faults", "the catalogue of faults: wrong, noticed, named", "faults"),
         Experiment("schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features"),
         Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy"),
         Experiment("schulz-lines-only", "Table 2, figure 6: by lines alone", "schulz_lines_only"),

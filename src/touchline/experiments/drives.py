@@ -19,6 +19,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
 from touchline.systems import RobotSetup, open_system
+from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Prior, Samples, Status
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -34,13 +35,14 @@ WITHIN_FRAMES, FOOLED_FRAMES = 10, 5  # found again in time; so many frames in a
 class Drive:
     """What a robot saw and measured. setup: told to a system. truth (N, 3): x, y (m), heading (rad) at the frames.
 
-    events: what happened to it, each with `t` (s) and `kind`.
+    events: what happened to it, each with `t` (s) and `kind`. prior: what it is told at the start; None: nothing.
     """
 
     setup: RobotSetup
     frames: Sequence[Frame]
     truth: FloatArray
     events: Sequence[Mapping[str, Any]] = ()
+    prior: Prior | None = None
 
     @property
     def field(self) -> FieldModel:
@@ -171,11 +173,6 @@ class Track:
         except NothingToCompareError:
             return None
 
-    def frames_until_found(self, time_s: float) -> int | None:
-        """Frames from a time on until the robot is found; None if it never is."""
-        found = self.found[int(np.searchsorted(self.times_s, time_s)) :]
-        return int(np.argmax(found)) if found.any() else None
-
 
 def track_of(drive: Drive, estimates: Sequence[Estimate]) -> Track:
     """Estimates of every frame beside the truth."""
@@ -203,11 +200,24 @@ def followed(
     prior: Prior | None = None,
     forget_s: float = math.inf,
 ) -> Track:
-    """What a system makes of a drive. prior: what it is told at the start; None: nothing is said.
+    """What a system makes of a drive, beside the truth, as `estimates_of`."""
+    return track_of(drive, estimates_of(system, drive, seed, settings, prior, forget_s))
+
+
+def estimates_of(
+    system: str,
+    drive: Drive,
+    seed: int | Sequence[int],
+    settings: Settings | Mapping[str, Any] | None = None,
+    prior: Prior | None = None,
+    forget_s: float = math.inf,
+) -> list[Estimate]:
+    """What a system makes of a drive. prior: what it is told at the start; None: what the drive says.
 
     forget_s: when it is told that the robot may be anywhere.
     """
-    localizer = open_system(system, drive.setup, settings, np.random.default_rng(seed))
+    localizer = OrderedSystem(open_system(system, drive.setup, settings, np.random.default_rng(seed)))
+    prior = drive.prior if prior is None else prior
     if prior is not None:
         localizer.reset(prior)
     estimates = []
@@ -216,7 +226,7 @@ def followed(
             localizer.reset()
             forget_s = math.inf
         estimates.append(localizer.step(frame))
-    return track_of(drive, estimates)
+    return estimates
 
 
 def longest(marked: BoolArray) -> int:

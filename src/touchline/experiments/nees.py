@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 
 from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
+from touchline.experiments.clutter import one_line
 from touchline.experiments.drives import Track, driven, followed
-from touchline.experiments.faults import Fault, one_line
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, interval
+from touchline.experiments.injections import Fault
 from touchline.experiments.scenes import BLUE, new_figure
 
 SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion", "touchline")
@@ -111,7 +112,7 @@ def honesty(condition: Condition, system: str, seed: int) -> Honesty:
     """One robot under one condition."""
     drive = driven("straight-tracks", seed, SECONDS, *condition.changes)
     if condition.line:
-        fault = Fault("", LINE_S, LINE_END_S, one_line(LINE_S))
+        fault = Fault("", LINE_S, LINE_END_S, one_line)
         drive = fault.laid_into(drive, np.random.default_rng([seed, 14]))
     camera = drive.setup.camera
     if condition.larger != 1.0 and isinstance(camera, OmniCamera):

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from touchline import palette
 from touchline.experiments import drives, lighting, own_points
 from touchline.experiments.drives import Drive, Kidnapped, Track, drive_of, driven, followed, kidnaps_of, longest
-from touchline.experiments.faults import Fault, stuck_compass, turned_compass, unseen
 from touchline.experiments.harness import (
     NONE,
     ExperimentResult,
@@ -29,6 +28,7 @@ from touchline.experiments.harness import (
     mean_interval,
     rate,
 )
+from touchline.experiments.injections import Fault, stuck_compass, turned_compass, unseen
 from touchline.experiments.own_points import OTHERS, OWN, SYSTEMS, row
 from touchline.experiments.scenes import INK, new_figure, robot_dots
 
@@ -287,7 +287,7 @@ def _played(run: int) -> Played:
     """One run of play with a fault of the compass in it: stuck, or showing the opposite, by turns."""
     rng = np.random.default_rng([run, 18])
     begin_s = float(rng.uniform(30.0, 60.0 * MINUTES - 2.0 * FAULT_S))
-    fault = Fault("", begin_s, begin_s + FAULT_S, stuck_compass(begin_s) if run % 2 else turned_compass)
+    fault = Fault("", begin_s, begin_s + FAULT_S, stuck_compass if run % 2 else turned_compass)
     return played_of(followed(OWN, fault.laid_into(driven("match", run, 60.0 * MINUTES, *_COMPASS), rng), run))
 
 

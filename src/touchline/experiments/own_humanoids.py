@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments import faults
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track, track_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, together
+from touchline.experiments.injections import carried, drifting, fallen, looking_lower, misjudged, turned_aside
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, RECORDINGS, right_of, tracked, walk
 from touchline.geometry import Pose
@@ -58,13 +58,13 @@ def _misjudged(longer: float, higher_m: float) -> Callable[[Drive, int], Drive]:
 
     def changed(walked: Drive, seed: int) -> Drive:
         setup = RobotSetup(walked.field, replace(humanoid_camera(), use_attitude=False))
-        return faults.misjudged(replace(walked, setup=setup), longer, higher_m)
+        return misjudged(replace(walked, setup=setup), longer, higher_m)
 
     return changed
 
 
 def _lower(walked: Drive, seed: int) -> Drive:
-    return faults.looking_lower(walked, PITCH_RAD, PINHOLE_FEATURES.height_m)
+    return looking_lower(walked, PITCH_RAD, PINHOLE_FEATURES.height_m)
 
 
 CALIBRATED = (*SYSTEMS, WITHOUT)
@@ -73,8 +73,8 @@ CASES = (
     Case("camera 2° lower, from 10 s on", _lower, PITCH_FROM_S, CALIBRATED),
     Case("focal length told 3 % longer, from 10 s on", _misjudged(LONGER, 0.0), PITCH_FROM_S, CALIBRATED),
     Case("camera told 3 cm higher, from 10 s on", _misjudged(0.0, HIGHER_M), PITCH_FROM_S, CALIBRATED),
-    Case("gyro drifts 6° a minute", lambda walked, seed: faults.drifting(walked, DRIFT_RAD_S)),
-    Case("two falls", lambda walked, seed: faults.fallen(walked, FALLS_S, np.random.default_rng([seed, 31]))),
+    Case("gyro drifts 6° a minute", lambda walked, seed: drifting(walked, DRIFT_RAD_S)),
+    Case("two falls", lambda walked, seed: fallen(walked, FALLS_S, np.random.default_rng([seed, 31]))),
     *(Case(f"{100 * share:.0f} % false crossings", partial(humanoids.with_false_crossings, share))
       for share in (0.1, 0.3, 0.5)),
 )  # fmt: skip
@@ -103,7 +103,7 @@ def _built(field: str, seed: int, seconds: float, changes: Sequence[str] = ()) -
     """A walk of a robot as built, its camera askew in roll, pitch and, as no image tells, in yaw."""
     walked = walk(field, humanoids.AS_BUILT, seed, seconds, changes)
     aside = ASIDE_RAD * float(np.random.default_rng([seed, 32]).standard_normal())
-    return faults.turned_aside(walked, aside)
+    return turned_aside(walked, aside)
 
 
 def _tracked(walked: Drive, name: str, seed: int, prior: Prior | None = None) -> Track:
@@ -158,7 +158,7 @@ class Waits(NamedTuple):
 
 def _waits(walked: Drive, seed: int) -> Waits:
     leaving, arriving = round(0.375 * len(walked.frames)), round(0.65 * len(walked.frames))
-    moved = faults.carried(walked, leaving, arriving)
+    moved = carried(walked, leaving, arriving)
     right = right_of(humanoids.either_end(_tracked(moved, OWN, seed)))[leaving:]
     seen = [[len(getattr(frame.observation, part)) for part in SEEN] for frame in moved.frames[leaving:]]
     images = int(np.any(seen[: int(np.argmax(right))], axis=1).sum()) if right.any() else math.inf
@@ -206,9 +206,9 @@ def _recorded_rows(seeds: int) -> list[Row]:
         height_m = float(walked.setup.camera.base_from_camera.translation_m[2])
         seen = {
             "images": (walked, 0.0),
-            "images, camera 2° lower, from 10 s on": (faults.looking_lower(walked, PITCH_RAD, height_m), PITCH_FROM_S),
-            "images, focal length told 3 % longer, from 10 s on": (faults.misjudged(walked, LONGER, 0.0), PITCH_FROM_S),
-            "images, camera told 3 cm higher, from 10 s on": (faults.misjudged(walked, 0.0, HIGHER_M), PITCH_FROM_S),
+            "images, camera 2° lower, from 10 s on": (looking_lower(walked, PITCH_RAD, height_m), PITCH_FROM_S),
+            "images, focal length told 3 % longer, from 10 s on": (misjudged(walked, LONGER, 0.0), PITCH_FROM_S),
+            "images, camera told 3 cm higher, from 10 s on": (misjudged(walked, 0.0, HIGHER_M), PITCH_FROM_S),
         }
         for (what, (each, from_s)), system in product(seen.items(), SYSTEMS):
             tracks = [_after(_tracked(each, system, seed), from_s) for seed in range(seeds)]

@@ -11,8 +11,8 @@ import numpy as np
 
 from touchline.config import load_settings
 from touchline.evaluation.runner import robot_setup
+from touchline.experiments.clutter import false_crossings
 from touchline.experiments.drives import BoolArray, Drive, Track, drive_of, followed
-from touchline.experiments.faults import seen_as
 from touchline.experiments.harness import tell
 from touchline.experiments.scenes import public_recording, random_place
 from touchline.field import open_field
@@ -24,7 +24,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
 from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
-from touchline.types import Crossings, Frame, Observation, Prior, generic_covariances
+from touchline.types import Frame, Observation, Prior
 
 OURS, PAPER = "nimbro-lines", "the paper's own form"
 SCENARIO = "humanoid-walk"
@@ -147,25 +147,9 @@ def recorded_walk(name: str, form: str = OURS) -> Drive | None:
 
 
 def with_false_crossings(share: float, walked: Drive, seed: int) -> Drive:
-    """A walk of whose crossings so many are none: even in the view, of random kinds, turned anyhow."""
-    rng, n = np.random.default_rng([seed, 23]), PINHOLE_FEATURES
-
-    def with_false(frame: Frame, seen: Observation) -> Observation:
-        true = seen.crossings
-        count = int(rng.poisson(len(true) * share / (1.0 - share)))
-        ranges, bearings = n.farthest_m * np.sqrt(rng.random(count)), rng.uniform(-0.65, 0.65, count)
-        places = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
-        crossings = Crossings(
-            np.concatenate((true.kinds, rng.choice(["L", "T", "X"], count))),
-            np.concatenate((true.positions_m, places)),
-            np.concatenate((true.orientations_rad, rng.uniform(-math.pi, math.pi, count))),
-            np.concatenate((true.covariances_m2, generic_covariances(places))),
-            np.ones(len(true) + count),
-            np.full((len(true) + count, 2), np.nan),
-        )
-        return replace(seen, crossings=crossings)
-
-    return seen_as(walked, with_false)
+    """A walk of whose crossings so many are none."""
+    everywhere = np.ones(len(walked.frames), np.bool_)
+    return false_crossings(share)(walked, everywhere, np.random.default_rng([seed, 23]))
 
 
 def random_areas(field_name: str, seed: int, areas: int = 4) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ class OrderedSystem:
         if self.order is FrameOrder.CLOCK_SET_BACK:
             self.system.reset(self._prior)
         if self._dropped:
-            frame = _with_samples_of(self._dropped, frame)
+            frame = with_samples_of(self._dropped, frame)
             self._dropped.clear()
         estimate = self.system.step(frame)
         self._remember(estimate)
@@ -76,7 +76,7 @@ class OrderedSystem:
                 self._prior = Prior()
 
 
-def _with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:
+def with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:
     """A frame with the samples of those dropped before it, too; what another clock has stamped is left out."""
     joined: dict[str, Any] = {}
     for sensor in _SENSORS:

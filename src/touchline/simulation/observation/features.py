@@ -251,25 +251,30 @@ def leaning(seen: Observation, roll: float, pitch: float, height: float, known_d
     return _moved(seen, moved)
 
 
-def turned(seen: Observation, angle_rad: float) -> Observation:
-    """Lines, crossings and landmarks in a frame in which what saw them stands turned by an angle to the left."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    matrix = np.array([[c, -s], [s, c]])
+def turned(seen: Observation, angle_rad: float, scale: float = 1.0, flipped: bool = False) -> Observation:
+    """What is seen in a frame in which what saw it stands turned by an angle to the left.
+
+    scale: so many times as far away; flipped: left for right, before it is turned.
+    """
+    c, s = scale * math.cos(angle_rad), scale * math.sin(angle_rad)
+    matrix = np.array([[c, s], [s, -c]]) if flipped else np.array([[c, -s], [s, c]])
     found = _moved(seen, lambda ground, covariances: (ground @ matrix.T, matrix @ covariances @ matrix.T))
-    orientations = found.crossings.orientations_rad + angle_rad
+    orientations = (-1.0 if flipped else 1.0) * found.crossings.orientations_rad + angle_rad
     of_x = found.crossings.kinds == CrossingKind.X.value
     orientations = np.where(of_x, orientations % (0.5 * math.pi), wrap_angles(orientations))
     return replace(found, crossings=replace(found.crossings, orientations_rad=orientations))
 
 
 def _moved(seen: Observation, move: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]) -> Observation:
-    """Lines, crossings and landmarks elsewhere. move: new places (..., 2) and covariances (..., 2, 2) of the old."""
-    lines, crossings, landmarks = seen.lines, seen.crossings, seen.landmarks
+    """What is seen elsewhere. move: new places (..., 2) and covariances (..., 2, 2) of the old."""
+    points, lines, crossings, landmarks = seen.points, seen.lines, seen.crossings, seen.landmarks
+    spots, of_spots = move(points.positions_m, points.covariances_m2)
     ends, of_ends = move(lines.ends_m, lines.covariances_m2)
     corners, of_corners = move(crossings.positions_m, crossings.covariances_m2)
     feet, of_feet = move(landmarks.positions_m, landmarks.covariances_m2)
     return replace(
         seen,
+        points=replace(points, positions_m=spots, covariances_m2=of_spots),
         lines=replace(lines, ends_m=ends, covariances_m2=of_ends),
         crossings=replace(crossings, positions_m=corners, covariances_m2=of_corners),
         landmarks=replace(landmarks, positions_m=feet, covariances_m2=of_feet),

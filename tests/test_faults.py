@@ -1,0 +1,404 @@
+"""The experiment `faults`: each changes what it must and nothing else; what counts as wrong, noticed and named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from touchline.experiments import catalogue, clutter, faults, injections
+from touchline.experiments import schulz_runs as humanoids
+from touchline.experiments.catalogue import CATALOGUE, CLOUD, FEATURES, MIRROR, Kind, Laid, laid, pairs, walk_of_points
+from touchline.experiments.drives import (
+    KIDNAPS,
+    BoolArray,
+    Drive,
+    Kidnapped,
+    counts,
+    driven,
+    followed,
+    kidnaps_of,
+    longest,
+    track_of,
+)
+from touchline.experiments.faults import outcome, rightly_named
+from touchline.experiments.injections import Change, Fault, clock, elsewhere, odometry, similar, stepped
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose
+from touchline.systems import RobotSetup
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Samples, Status, points_at
+
+FIELD = open_field("indoor-9x6")
+START_S, END_S = 2.0, 4.0
+CHANGED = {
+    "": set(),
+    "odometry": {"odometry", "wheels"},
+    "gyro": {"gyro"},
+    "compass": {"compass"},
+    "clock": {"stamp_ns", "observation"},
+    "image": {"observation"},
+    "field": {"observation"},
+    "head": {"observation"},
+    "clutter": {"observation"},
+    "sight": {"observation"},
+    "start": set(),
+}
+"""What of the frames the faults of a family change; those in which the robot is carried or covered: more."""
+
+
+def drive(poses: FloatArray) -> Drive:
+    """A frame per pose, 0.1 s apart; odometry tells the same, wheels a tenth of a metre per frame."""
+    frames = []
+    for k, pose in enumerate(poses):
+        stamp_ns = np.array([100_000_000 * (k + 1)])
+        wheels = Samples(stamp_ns, np.array([[0.1 * k, -0.1 * k]]))
+        seen = Observation(int(stamp_ns[0]), points_at(np.array([[1.0, 0.5 + 0.01 * k], [2.0, -1.0]])))
+        odometry = Samples(stamp_ns, pose.reshape(1, 3))
+        frames.append(Frame(int(stamp_ns[0]), observation=seen, odometry=odometry, wheels=wheels))
+    return Drive(RobotSetup(FIELD), frames, poses)
+
+
+def values(told: Drive, name: str) -> FloatArray:
+    return np.concatenate([getattr(frame, name).values for frame in told.frames])
+
+
+def seen_points(told: Drive, index: int) -> LinePoints:
+    seen = told.frames[index].observation
+    assert seen is not None
+    return seen.points
+
+
+CIRCLE = np.array([[math.sin(0.1 * k), 1.0 - math.cos(0.1 * k), 0.1 * k] for k in range(40)])
+
+
+def changed(change: Change, start_s: float, end_s: float, made: Drive | None = None) -> Drive:
+    """The robot on a circle, with a change from one time to another."""
+    return Fault("", start_s, end_s, change).laid_into(made or drive(CIRCLE), np.random.default_rng(0))
+
+
+@cache
+def short(robots: str) -> Drive:
+    """Eight seconds of a robot of a kind."""
+    if robots == MIRROR:
+        return driven("match", 3, 8.0)
+    if robots == FEATURES:
+        return humanoids.walk("humanoid-kid-9x6", humanoids.AS_SIMULATED, 3, 8.0)
+    return walk_of_points("humanoid-kid-9x6", 3, 8.0)
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two values of frames are equal, arrays and all, but for rounding."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        if one.shape != other.shape or one.dtype.kind not in "fi":
+            return np.array_equal(one, other)
+        return np.allclose(one, other, rtol=0.0, atol=1e-9, equal_nan=True)
+    if hasattr(one, "__slots__") and type(one) is type(other) and not isinstance(one, Pose):
+        return all(same(getattr(one, name), getattr(other, name)) for name in one.__slots__)
+    return bool(one == other)
+
+
+def differing(one: Drive, other: Drive, frames: BoolArray) -> set[str]:
+    """Which attributes of the frames that are marked differ."""
+    found = set()
+    for first, second in zip(np.array(one.frames, object)[frames], np.array(other.frames, object)[frames], strict=True):
+        found |= {name for name in Frame.__slots__ if not same(getattr(first, name), getattr(second, name))}
+    return found
+
+
+def test_the_catalogue_names_each_fault_once_and_holds_enough() -> None:
+    titles = [kind.title for kind in CATALOGUE]
+    assert len(set(titles)) == len(titles) >= 60
+    assert {kind.robots for kind in CATALOGUE} == {MIRROR, FEATURES, CLOUD}
+    assert {kind.family for kind in CATALOGUE} <= {*CHANGED, "carried"}
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.title)
+def test_a_fault_changes_what_it_must_while_it_lasts_and_nothing_else(kind: Kind) -> None:
+    made = short(kind.robots)
+    told = changed(kind.change, START_S, END_S, made)
+    count, lasts = len(told.frames), (made.times_s >= START_S) & (made.times_s < END_S)
+    before, after = made.times_s < START_S, made.times_s >= END_S
+    until = replace(told, frames=told.frames[: before.sum()])
+    assert not differing(made.until(START_S), until, before[before])
+    assert np.array_equal(made.truth[before], told.truth[: before.sum()])
+    if kind.family == "carried" or "kidnapped" in kind.name or kind.name == "1 Hz":
+        assert "falls" in kind.name or count < len(made.frames)
+        return
+    assert (told.setup is made.setup) == (kind.name not in TOLD_OF_THE_FIELD)
+    assert (told.prior is made.prior) == (kind.family != "start")
+    expected = set() if kind.name in TOLD_OF_THE_FIELD else CHANGED[kind.family]
+    covered = {"observation"} if "covered" in kind.name else set()
+    allowed = (expected | covered) & {name for name in Frame.__slots__ if _has(made, name)}
+    assert differing(made, told, lasts) in (allowed, allowed - {"wheels"})
+    assert differing(made, told, after) <= {"odometry", "wheels"} & expected or "at random" in kind.name
+    assert np.array_equal(made.truth, told.truth) == (kind.family != "clock" or "hour" in kind.name)
+
+
+TOLD_OF_THE_FIELD = {"larger field told", "smaller field told", "a similar field told"}
+
+
+def _has(made: Drive, name: str) -> bool:
+    return any(getattr(frame, name) is not None for frame in made.frames)
+
+
+def test_wheels_that_spin_or_stick_go_on_from_there_and_the_rest_of_the_way_is_true() -> None:
+    stuck = values(changed(odometry((0.0, 0.0, 0.0)), 1.0, 2.0), "odometry")
+    np.testing.assert_allclose(stuck[:9], CIRCLE[:9], atol=1e-12)
+    np.testing.assert_allclose(np.diff(stuck[8:19], axis=0), 0.0, atol=1e-12)
+    ours, true = (Pose(*rows[30]).inverse().compose(Pose(*rows[39])) for rows in (stuck, CIRCLE))
+    np.testing.assert_allclose(ours, true, atol=1e-9)
+    spun = changed(odometry((1.0, 1.0, 1.0), (2.0, 0.0, 0.0)), 1.0, 2.0)
+    np.testing.assert_allclose(values(spun, "wheels")[-1], [3.9 + 2.0, -3.9 + 2.0], atol=1e-9)
+    np.testing.assert_allclose(values(spun, "odometry")[:, 2], CIRCLE[:, 2], atol=1e-9)
+    longer = values(changed(odometry((1.15, 1.15, 1.15)), 0.0, 9.0), "wheels")
+    np.testing.assert_allclose(longer, 1.15 * values(drive(CIRCLE), "wheels"), atol=1e-9)
+    mirrored = values(changed(odometry((1.0, -1.0, -1.0)), 0.0, 9.0), "odometry")
+    np.testing.assert_allclose(mirrored, CIRCLE * (1.0, -1.0, -1.0), atol=1e-9)
+
+
+def test_samples_that_are_dropped_say_nothing() -> None:
+    gone = [frame.wheels is None for frame in changed(injections.dropped(0.3), 0.0, 9.0).frames]
+    assert 0.1 < np.mean(gone) < 0.5
+    assert all(frame.odometry is None for frame in changed(injections.dropped(1.0), 0.0, 9.0).frames)
+
+
+def test_a_clock_moves_stamps_and_what_they_ask_for_and_not_what_is_seen() -> None:
+    made = drive(CIRCLE)
+    fast = changed(stepped(0.2), 1.0, 2.0)
+    np.testing.assert_allclose(fast.times_s[9:19] - made.times_s[9:19], 0.2, atol=1e-9)
+    np.testing.assert_allclose(fast.truth[9:19], made.truth[11:21], atol=1e-9)
+    assert same(seen_points(fast, 12), seen_points(made, 12))
+    assert fast.frames[12].observation is not None
+    assert fast.frames[12].observation.stamp_ns == fast.frames[12].stamp_ns
+    hour = changed(stepped(-3600.0), 1.0, 2.0)
+    assert np.array_equal(hour.truth, made.truth)
+    late = changed(clock(lambda since_s, rng: rng.uniform(0.0, 0.6, len(since_s)), in_order=True), 1.0, 3.0)
+    assert (np.diff(late.times_s) > 0.0).all()
+
+
+def test_images_repeat_or_come_rarely_and_no_sample_is_lost() -> None:
+    still = changed(injections.repeated, 1.0, 2.0)
+    assert all(same(seen_points(still, k), seen_points(still, 9)) for k in range(9, 19))
+    rare = changed(injections.every(5), 1.0, 3.0)
+    np.testing.assert_array_equal(values(rare, "odometry"), CIRCLE)
+    assert [len(frame.odometry) for frame in rare.frames[8:14] if frame.odometry] == [1, 5, 5, 5, 5, 1]
+
+
+def test_a_compass_shows_what_it_is_told_to() -> None:
+    headings = np.linspace(0.0, 1.0, 40)
+    frames = [
+        replace(frame, compass=Samples(np.array([frame.stamp_ns]), np.array([[heading]])))
+        for frame, heading in zip(drive(CIRCLE).frames, headings, strict=True)
+    ]
+    made = replace(drive(CIRCLE), frames=frames)
+    turned = values(changed(injections.turned_compass, 1.0, 2.0, made), "compass")[:, 0]
+    np.testing.assert_allclose(np.abs(turned - headings)[9:19], math.pi)
+    assert np.array_equal(np.delete(turned, np.s_[9:19]), np.delete(headings, np.s_[9:19]))
+    stuck = values(changed(injections.stuck_compass, 1.0, 2.0, made), "compass")[:, 0]
+    np.testing.assert_allclose(stuck[9:19], headings[9])
+
+
+def test_images_are_mirrored_turned_and_longer() -> None:
+    was = seen_points(drive(CIRCLE), 20).positions_m
+    flipped, longer = changed(similar(flipped=True), 0.0, 9.0), changed(similar(scale=1.1), 0.0, 9.0)
+    np.testing.assert_allclose(seen_points(flipped, 20).positions_m, was * (1.0, -1.0))
+    np.testing.assert_allclose(seen_points(longer, 20).positions_m, 1.1 * was)
+    turned = seen_points(changed(similar(0.5 * math.pi), 0.0, 9.0), 20).positions_m
+    np.testing.assert_allclose(turned, np.column_stack((-was[:, 1], was[:, 0])), atol=1e-12)
+    spinning = seen_points(changed(similar(rate_rad_s=0.5), 1.0, 9.0), 19).positions_m
+    np.testing.assert_allclose(Pose(0.0, 0.0, 0.5).transform(seen_points(drive(CIRCLE), 19).positions_m), spinning)
+    panned = seen_points(changed(injections.head(lambda at_s, start_s: 0.3), 0.0, 9.0), 20).positions_m
+    np.testing.assert_allclose(Pose(0.0, 0.0, -0.3).transform(was), panned)
+
+
+def test_crossings_keep_their_stems_when_they_are_mirrored() -> None:
+    walked = short(FEATURES)
+    flipped = changed(similar(flipped=True), 0.0, 99.0, walked)
+    for frame, other in zip(walked.frames, flipped.frames, strict=True):
+        assert frame.observation is not None
+        assert other.observation is not None
+        one, two = frame.observation.crossings, other.observation.crossings
+        of_t = one.kinds == "T"
+        np.testing.assert_allclose(np.cos(two.orientations_rad[of_t]), np.cos(one.orientations_rad[of_t]))
+        np.testing.assert_allclose(np.sin(two.orientations_rad[of_t]), -np.sin(one.orientations_rad[of_t]), atol=1e-9)
+
+
+def test_clutter_stands_in_the_field_or_goes_with_the_robot() -> None:
+    made = drive(CIRCLE)
+    standing = changed(clutter.shown(clutter.standing(clutter.blob(2.0, 2.0)), besides=False), 1.0, 9.0)
+    riding = changed(clutter.shown(clutter.riding(clutter.ring(2.0)), besides=False), 1.0, 9.0)
+    places = [Pose(*made.truth[k]).transform(seen_points(standing, k).positions_m) for k in (10, 35)]
+    np.testing.assert_allclose(places[0], places[1], atol=0.15)
+    rings = [seen_points(riding, k).positions_m for k in (10, 35)]
+    np.testing.assert_allclose(np.hypot(*rings[0].T), 2.0, atol=0.06)
+    np.testing.assert_allclose(rings[0], rings[1], atol=0.1)
+
+
+@pytest.mark.parametrize("thing", [clutter.all_of(clutter.robots, clutter.nets), clutter.standing(clutter.bars)])
+def test_so_many_of_all_points_are_on_clutter(thing: clutter.Thing) -> None:
+    made = short(MIRROR)
+    told = changed(clutter.shown(thing, ratio=(0.3, 0.3)), 0.0, 99.0, made)
+    before, after = (np.array([len(seen_points(each, k)) for k in range(len(made.frames))]) for each in (made, told))
+    np.testing.assert_allclose((after - before) / after, 0.3, atol=0.01)
+
+
+def test_another_field_lies_beside_this_one() -> None:
+    made = short(MIRROR)
+    told = changed(clutter.shown(clutter.next_field, besides=False), 0.0, 99.0, made)
+    for k in range(len(made.frames)):
+        seen, pose = seen_points(told, k).positions_m, Pose(*made.truth[k])
+        placed = pose.transform(seen)
+        outside = np.maximum(np.abs(placed[:, 0]) - 9.0, np.abs(placed[:, 1]) - 6.0)
+        assert (outside > 2.0).all()
+
+
+def test_a_robot_that_is_carried_feels_nothing_of_it() -> None:
+    poses = np.column_stack((0.1 * np.arange(80.0) - 4.0, np.full(80, 1.0), np.zeros(80)))
+    told = changed(elsewhere(2.0, 3.0), 1.0, 2.0, drive(poses))
+    way = np.diff(told.truth[:, 0])
+    assert way[8] > 1.5
+    np.testing.assert_allclose(np.delete(way, 8), 0.1, atol=1e-9)
+    felt = np.diff(values(told, "odometry")[:, 0])
+    np.testing.assert_allclose(felt, np.where(np.arange(len(way)) == 8, 0.0, 0.1), atol=1e-9)
+    np.testing.assert_allclose(np.diff(told.times_s), 0.1)
+    lifted = changed(elsewhere(2.0, 3.0, lifted=True), 1.0, 2.0, drive(poses))
+    assert [len(seen_points(lifted, k)) for k in (8, 9, 18, 19)] == [2, 0, 0, 2]
+    assert lifted.truth[19, 0] - lifted.truth[18, 0] > 0.9
+
+
+def test_a_fallen_robot_lies_and_says_so() -> None:
+    made = short(FEATURES)
+    lying = injections.both(clutter.false_crossings(1.0), clutter.false_lines(4))
+    down = changed(injections.falls(1, 0.0, lying), 1.0, 8.0, made)
+    on_ground = (made.times_s >= 1.0) & (made.times_s < 1.0 + injections.FALL_S)
+    for frame, is_down in zip(down.frames, on_ground, strict=True):
+        assert frame.tilt is not None
+        assert (np.abs(frame.tilt.values[:, 1]) > math.radians(45.0)).all() == is_down
+    assert differing(made, down, on_ground) == {"observation", "odometry", "tilt"}
+
+
+def test_times_and_lengths_are_drawn_from_the_seed() -> None:
+    passing = next(kind for kind in CATALOGUE if kind.lasts_s == catalogue.PASSING)
+    drawn = [passing.drawn(number, 5) for number in range(40)]
+    assert drawn == [passing.drawn(number, 5) for number in range(40)]
+    lengths = np.array([fault.end_s - fault.start_s for fault in drawn])
+    assert 0.3 <= lengths.min() < 1.0 < 20.0 < lengths.max() <= 60.0
+    always = next(kind for kind in CATALOGUE if kind.name == "mirrored")
+    assert [always.drawn(number, 5).start_s == 0.0 for number in range(4)] == [True, False, True, False]
+    drawn_pairs = pairs(30, MIRROR)
+    assert drawn_pairs == pairs(30, MIRROR)
+    assert all(one.family != other.family and one.family != "clock" for one, other in drawn_pairs)
+
+
+def estimate(pose: Pose, status: Status = Status.TRACKING, *others: Pose) -> Estimate:
+    return Estimate(0, pose, np.eye(3), status, hypotheses=tuple(Hypothesis(other, 0.0) for other in others))
+
+
+def test_a_wrong_pose_counts_unless_its_twin_is_named_or_it_is_doubted() -> None:
+    here = Pose(2.0, 1.0, 0.3)
+    far = Pose(-1.0, 1.0, 0.3)
+    twin = here.mirrored()
+    told = [
+        estimate(here),
+        estimate(far),
+        estimate(far, Status.SEARCHING),
+        estimate(twin),
+        estimate(twin, Status.TRACKING, here),
+    ]
+    found = track_of(drive(np.array([here] * 5)), told)
+    assert found.wrong.tolist() == [False, True, False, True, True]
+    assert found.unnamed.tolist() == [False, True, False, True, False]
+    assert found.found.tolist() == [True, False, False, False, False]
+    assert longest(found.wrong) == 2
+
+
+def test_a_kidnap_counts_from_the_first_frame_at_the_new_place() -> None:
+    old, new = Pose(-2.0, 1.0, 0.0), Pose(2.0, 1.0, 0.0)
+    made = replace(drive(np.array([old] * 5 + [new] * 25)), events=[{"kind": "kidnap", "t": 0.55}])
+    told = [estimate(old)] * 12 + [estimate(old, Status.SEARCHING)] * 2 + [estimate(new)] * 16
+    assert kidnaps_of(made, track_of(made, told)) == [Kidnapped(True, 7, True)]
+    assert not counts(old, old.mirrored())
+    assert not counts(old, Pose(-1.5, 1.0, 0.3))
+    assert counts(old, Pose(-2.0, 1.0, 0.6))
+
+
+@pytest.mark.parametrize(
+    ("system", "seed", "seconds"),
+    [
+        pytest.param("iris-fusion", 119, 12.0, id="far lines, moved by a shaking head"),
+        pytest.param("iris-fusion", 114, 21.0, id="carried a metre from its twin"),
+        pytest.param("nubot-mti", 112, 26.0, id="rivals of the places before"),
+    ],
+)
+def test_a_robot_as_built_that_is_kidnapped_in_play_is_right_within_ten_images(
+    system: str, seed: int, seconds: float
+) -> None:
+    made = driven("match", seed, seconds, *KIDNAPS)
+    kidnaps = kidnaps_of(made, followed(system, made, seed))
+    assert len(kidnaps) >= 3
+    assert all(kidnap.right and kidnap.wrong <= 2 for kidnap in kidnaps)
+
+
+def judged(told: Sequence[Estimate], kind: str = "odometry missing", start_s: float = 0.35) -> faults.Outcome:
+    made = drive(np.array([[2.0, 1.0, 0.3]] * len(told)))
+    case = (next(each for each in CATALOGUE if each.name == kind),)
+    return outcome(case, Laid(made, made, start_s, 0.75), told, moves=True)
+
+
+def test_what_is_wrong_beyond_its_bound_and_noticed_is_counted_from_the_fault_on() -> None:
+    here, far = Pose(2.0, 1.0, 0.3), Pose(-1.0, 1.0, 0.3)
+
+    def bounded(pose: Pose, *problems: str) -> Estimate:
+        return replace(estimate(pose), protection_m=0.1, protection_rad=0.1, problems=problems)
+
+    told = [
+        *[bounded(far)] * 3, *[bounded(far)] * 2, bounded(here.mirrored()), bounded(Pose(2.15, 1.0, 0.3)),
+        estimate(here, Status.SEARCHING), bounded(here, "odometry is missing"), bounded(here),
+    ]  # fmt: skip
+    found = judged(told)
+    assert (found.frames, found.wrong, found.other_end) == (7, 2, 1)
+    assert (found.bounded, found.misleading) == (5, 2)
+    assert found.alarm_s == pytest.approx(0.4)
+    assert found.rightly is True
+    assert found.tracked == pytest.approx((1.0, 1.0, 2.0 / 3.0))
+    calm = judged([bounded(here)] * 9)
+    assert (calm.wrong, calm.misleading, calm.alarm_s, calm.rightly) == (0, 0, None, None)
+
+
+def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
+    case = tuple(kind for kind in CATALOGUE if kind.title == "mirror: odometry × 1.3")
+    assert rightly_named(case, ["the odometry turns the wrong way"]) is True
+    assert rightly_named(case, ["images are stamped 300 ms too late"]) is False
+    assert rightly_named(case, ["the robot was shoved"]) is None
+
+
+def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = {"none", "mirrored", "camera covered"}
+    few = tuple(kind for kind in CATALOGUE if kind.robots == MIRROR and kind.name in names)
+    monkeypatch.setattr(faults, "CATALOGUE", few)
+    monkeypatch.setattr(catalogue, "CATALOGUE", few)
+    monkeypatch.setattr(catalogue, "SECONDS", 9.0)
+    monkeypatch.setattr(catalogue, "MORE_S", 1.0)
+    monkeypatch.setattr(faults, "KINDS_OF_ROBOTS", {MIRROR: catalogue.KINDS_OF_ROBOTS[MIRROR]})
+    monkeypatch.setattr(faults, "PAIRS", {MIRROR: 1})
+    monkeypatch.setattr(faults, "ROBOTS_OF_SEED", 1)
+    monkeypatch.setattr(faults, "FEWER", 1)
+    monkeypatch.setattr(faults, "OTHERS_AT", 0)
+    result = faults.faults(1)
+    assert [row[0] for row in result.rows] == [*(kind.title for kind in few), "mirror: pairs", "all of mirror", "all"]
+    assert {len(row) for row in result.rows} == {len(result.columns)}
+    rows = {row[0]: dict(zip(result.columns, row, strict=True)) for row in result.rows}
+    assert rows["mirror: none"]["wrong, tracking (%)"] == "0.00"
+    assert rows["mirror: none"]["nubot-mti: wrong (%)"] == "0.00"
+    assert float(rows["mirror: mirrored"]["nubot-mti: wrong (%)"]) > 0.0
+
+
+def test_a_laid_case_is_the_drive_without_it_but_for_the_fault() -> None:
+    case = tuple(kind for kind in CATALOGUE if kind.title == "humanoid: none")
+    of = laid(case, 1, 3)
+    assert not differing(of.clean, of.faulty, np.ones(len(of.clean.frames), np.bool_))
+    assert of.faulty.prior is not None
