@@ -11,14 +11,7 @@ import pytest
 
 from touchline.experiments.clutter import Points, anew, blob, false_line, one_line, riding, ring, shown, uniform
 from touchline.experiments.drives import Drive, drive_of
-from touchline.experiments.injections import (
-    Fault,
-    ahead,
-    both,
-    spliced,
-    stuck_compass,
-    turned_compass,
-)
+from touchline.experiments.injections import Fault, ahead, both, stuck_compass, turned_compass, unfelt
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.pose_filter import Fusion, PoseFilter
@@ -39,6 +32,13 @@ def driven(seed: int) -> Drive:
     """Four seconds of a match."""
     run = Simulation(open_scenario("match", seed, 4.0, ["ideal=true"]), level="points")
     return drive_of(run)
+
+
+def spliced(first: Drive, second: Drive, at_s: float) -> Drive:
+    """The robot of the first drive is carried, at this time, to where that of the second is, and drives on as it."""
+    cut, end = int(np.searchsorted(first.times_s, at_s)), len(first.frames)
+    frames, truth = [*first.frames[:cut], *second.frames[cut:end]], (first.truth[:cut], second.truth[cut:end])
+    return unfelt(replace(first, frames=frames, truth=np.concatenate(truth)), cut)
 
 
 def localized(name: str, drive: Drive, *settings: str) -> list[Estimate]:

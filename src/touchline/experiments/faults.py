@@ -42,17 +42,18 @@ PAIRS = {MIRROR: 70, FEATURES: 30}
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)
 BEFORE_FRAMES = 30
 NAMES = {
-    "odometry": r"odometr|wheel",
+    "odometry": r"^odometry|wheel",
     "gyro": r"gyro",
-    "clock": r"stamp|clock|late",
-    "image": r"image|camera|point|line",
-    "field": r"field|camera\.yaml|point|line",
-    "clutter": r"point|line|clutter",
+    "clock": r"stamp|clock",
+    "image": r"^images? (?!contradict)|camera|what is seen",
+    "field": r"what is seen|camera\.yaml|carpet",
+    "clutter": r"what is seen|carpet|has not changed",
     "compass": r"compass",
-    "head": r"head|camera|look",
+    "head": r"^images? (?!contradict)|camera|head",
+    "start": r"compass|colour",
 }
 """What a problem says that names a culprit of a family, as a regular expression."""
-NO_NAME = "undecided"  # how a problem begins that names no culprit
+NO_ALARM = "undecided"  # how a problem begins that is none of a sensor
 
 
 class Outcome(NamedTuple):
@@ -89,7 +90,7 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
         error_m = np.minimum(error_m, end.distances_m)
         beyond &= (end.distances_m > levels[:, 0]) | (end.turns_rad > levels[:, 1])
     off, there = ~track.within(WRONG_M, WRONG_RAD), track.turned.within(WRONG_M, WRONG_RAD)
-    told = [[text for text in each.problems if not text.startswith(NO_NAME)] for each in estimates]
+    told = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
     alarm = ~track.tracking | np.array([bool(texts) for texts in told]) | (~given & given.any())
     since, counted = np.arange(count) >= first, np.arange(count) > first
     return Outcome(

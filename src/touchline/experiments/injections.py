@@ -324,13 +324,6 @@ def _earlier(frame: Frame, by_ns: int) -> Frame:
     return _stamped(replace(frame, **shifted), frame.stamp_ns - by_ns)  # type: ignore[arg-type]
 
 
-def spliced(first: Drive, second: Drive, at_s: float) -> Drive:
-    """The robot of the first drive is carried, at this time, to where that of the second is, and drives on as it."""
-    cut, end = int(np.searchsorted(first.times_s, at_s)), len(first.frames)
-    frames, truth = [*first.frames[:cut], *second.frames[cut:end]], (first.truth[:cut], second.truth[cut:end])
-    return unfelt(replace(first, frames=frames, truth=np.concatenate(truth)), cut)
-
-
 def unfelt(drive: Drive, start: int) -> Drive:
     """Odometry and wheels go on from their sums at frame `start`, as if nothing had happened before it."""
 
