@@ -242,5 +242,6 @@ def _picture(found: Found) -> Figure:
         names = [name for name in of if name.endswith(": none") == clean]
         bounds = [one.bounds for name in names for one in found[name, OWN]]
         error_m, level_m = np.concatenate([np.zeros((0, 2)), *bounds]).T
-        draw_stanford(axis, error_m, level_m, ALERT_LIMIT_M)
+        if len(error_m):
+            draw_stanford(axis, error_m, level_m, ALERT_LIMIT_M)
     return figure
