@@ -233,14 +233,11 @@ def _percent(shares: FloatArray) -> str:
 
 
 def _picture(found: Found) -> Figure:
-    """Stanford diagrams of both cameras, clean and under all faults."""
-    panels = [(camera, clean) for clean in (True, False) for camera in (MIRROR, FEATURES)]
-    titles = [f"{camera}, {'no fault' if clean else 'all faults'}" for camera, clean in panels]
-    figure, axes = new_figure(2, 2, (11.0, 10.0), titles)
-    for axis, (camera, clean) in zip(axes, panels, strict=True):
-        of = [name for name, system in found if system == OWN and name.startswith(camera)]
-        names = [name for name in of if name.endswith(": none") == clean]
-        bounds = [one.bounds for name in names for one in found[name, OWN]]
+    """Stanford diagrams of both cameras, under all faults."""
+    figure, axes = new_figure(1, 2, (11.0, 5.0), (f"{MIRROR}, all faults", f"{FEATURES}, all faults"))
+    for axis, camera in zip(axes, (MIRROR, FEATURES), strict=True):
+        bounds = [one.bounds for (name, system), each in found.items() for one in each
+                  if system == OWN and name.startswith(camera) and not name.endswith(": none")]  # fmt: skip
         error_m, level_m = np.concatenate([np.zeros((0, 2)), *bounds]).T
         if len(error_m):
             draw_stanford(axis, error_m, level_m, ALERT_LIMIT_M)
