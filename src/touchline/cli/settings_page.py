@@ -102,7 +102,7 @@ def _rows(settings: type[Settings]) -> Iterator[Row]:
     paper = {shown_key(key): shown_value(value) for key, value in _leaves(preset_values(settings))}
     for key, default, description in settings_rows(settings):
         unit = unit_of(key)  # which has a column of its own here
-        about = _without_unit(_sentence(description), unit)
+        about = _sentence(description).replace(f" ({unit})", "").replace(" (degrees)", "")
         yield Row(f"`{key}`", shown_value(default), paper.get(key, ""), unit, about)
 
 
@@ -113,10 +113,6 @@ def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield from _leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
-
-
-def _without_unit(text: str, unit: str) -> str:
-    return text.replace(f" ({unit})", "").replace(" (degrees)", "")
 
 
 def shown_value(value: Any) -> str:

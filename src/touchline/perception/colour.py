@@ -100,7 +100,8 @@ def learn_carpet(
 
 def colour_model(carpet: Carpet, white: FloatArray | None = None) -> ColourModel:
     """What separates white from this carpet. white (3,): the paint's B, G, R beside its green, guessed if unknown."""
-    paint = _neutral_white(carpet.green) if white is None else white
+    # neutral, and as bright as paint beside carpet usually is
+    paint = np.full(3, min(255.0, 1.6 * float(carpet.green.max()))) if white is None else white
     signal = _signal_weights(carpet, paint)
     return ColourModel(_build_table(carpet, paint, signal), carpet.green, paint, carpet.noise, signal)
 
@@ -205,11 +206,6 @@ def _differences(channel: FloatArray, mask: npt.NDArray[np.bool_], lag: int) -> 
     second = channel[:, lag:-lag] - 0.5 * (channel[:, 2 * lag :] + channel[:, : -2 * lag])
     deviations: FloatArray = np.abs(second[inside]) / np.sqrt(1.5)
     return deviations if len(deviations) else np.zeros(1)
-
-
-def _neutral_white(green: FloatArray) -> FloatArray:
-    """What paint looks like before any was seen: neutral, and as bright as paint beside carpet usually is."""
-    return np.full(3, min(255.0, 1.6 * float(green.max())))
 
 
 def _signal_weights(carpet: Carpet, white: FloatArray) -> FloatArray:

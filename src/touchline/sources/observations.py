@@ -7,7 +7,6 @@ from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import chain, repeat
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -240,7 +239,9 @@ def _number(row: Mapping[str, str], name: str) -> float:
 
 
 def _observation(stamp_ns: int, found: Mapping[str, list[_Seen]]) -> Observation:
-    crossings, landmarks = (_in_order(found, kinds) for kinds in (CrossingKind, LandmarkKind))
+    crossings, landmarks = (
+        [(kind.value, seen) for kind in kinds for seen in found.get(kind, [])] for kinds in (CrossingKind, LandmarkKind)
+    )
     lines = _array(found.get(LINE, []))
     ends = lines[:, :4].reshape(-1, 2)
     return Observation(
@@ -264,10 +265,6 @@ def _observation(stamp_ns: int, found: Mapping[str, list[_Seen]]) -> Observation
         ),
         boundary=LinePoints(**_places(found.get(BOUNDARY, []))),
     )
-
-
-def _in_order(found: Mapping[str, list[_Seen]], kinds: Iterable[StrEnum]) -> list[tuple[str, _Seen]]:
-    return [(kind.value, seen) for kind in kinds for seen in found.get(kind, [])]
 
 
 def _array(seen: list[_Seen]) -> FloatArray:

@@ -105,7 +105,7 @@ def _white_posts(
 
 
 def _penalty_marks(structure: Structure, lines: Lines, plane: ImagePlane, field: FieldModel) -> list[_Landmark]:
-    sizes = [size for x, y, size in field.discs if not _on_a_line(field, x, y)]
+    sizes = [size for x, y, size in field.discs if field.line_distances([[x, y]])[0] >= field.line_width]
     if not sizes:
         return []
     middles = find_penalty_marks(structure.counts, structure.ends, plane, float(sizes[0]))
@@ -125,10 +125,6 @@ def _near_a_line(pixel: FloatArray, lines: Lines) -> bool:
         if np.hypot(*(pixel - start - share * along)) < _OFF_LINES_PX:
             return True
     return False
-
-
-def _on_a_line(field: FieldModel, x: float, y: float) -> bool:
-    return bool(field.line_distances(np.array([[x, y]]))[0] < field.line_width)
 
 
 def _post_like(upright: Upright, field: FieldModel) -> Post | None:
