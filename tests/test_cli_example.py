@@ -19,6 +19,8 @@ import touchline
 from touchline.cli import main
 from touchline.cli.run import EXAMPLE, example_recording
 from touchline.errors import InputError
+from touchline.evaluation import Run
+from touchline.types.estimate import UNCONFIRMED
 from touchline.view.overlay import LINE_COLOR
 
 STAGES = ["original", "colour classes", "scan lines", "field boundary", "line points", "bird's-eye view", "overlay"]
@@ -57,7 +59,12 @@ def test_demo_prints_the_table_and_the_place_of_the_report(capsys: pytest.Captur
     page = Path("runs/demo-1/report.html").read_text()
     assert page.count("data:image/jpeg;base64,") >= 5
     errors = json.loads(Path("runs/demo-1/summary.json").read_text())["errors"]
-    assert errors["frames"] >= 58
+    estimates = Run("runs/demo-1").estimates
+    reasons = [estimates.reasons[reason] for reason in estimates.reason]
+    begun = reasons.index("")
+    assert set(reasons[:begun]) == {UNCONFIRMED}
+    assert begun <= 6  # until the robot has gone 0.3 m
+    assert errors["frames"] >= 58 - begun
     assert errors["x_m"]["mean"] < 0.015
     assert errors["y_m"]["mean"] < 0.015
     assert errors["heading_rad"]["mean"] < math.radians(0.3)
@@ -99,7 +106,7 @@ def test_a_dim_hall_keeps_its_error_table(tmp_path: Path) -> None:
         path.write_bytes(
             cv2.imencode(".jpg", (image * 0.15).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
         )
-    run = touchline.run(dim)
+    run = touchline.run(dim, start=(-5.19, -2.1, 0.0))
     assert run.errors is not None
     assert (run.errors.black, run.errors.frames) == (0, 60)
     assert run.summary["black_images"] == {"count": 0, "stretches_ns": []}
@@ -152,6 +159,7 @@ def test_view_of_a_recording_saves_every_stage(capsys: pytest.CaptureFixture[str
     assert main(["view", str(example_recording()), "--stages", "--frame", "2", "--output", "stages"]) == 0
     out = capsys.readouterr().out
     assert "x -5." in out
+    assert f"searching ({UNCONFIRMED})" in out  # after three images the robot has not yet moved far enough
     names = [path.name for path in sorted(Path("stages").iterdir())]
     assert names[-1] == "stages.png"
     titles = [name[3:-4] for name in names[:-1]]

@@ -78,7 +78,7 @@ def test_the_table_holds_both_systems(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own_humanoids, "CASES", own_humanoids.CASES[:1])
     monkeypatch.setattr(own_humanoids, "RECORDINGS", ())
     monkeypatch.setattr(own_humanoids, "SECONDS", 8.0)
-    monkeypatch.setattr(own_humanoids, "SECONDS_FROM_NOWHERE", 3.0)
+    monkeypatch.setattr(own_humanoids, "SECONDS_FROM_NOWHERE", 6.0)  # it is believed when it has moved
     monkeypatch.setattr(own_humanoids, "STARTS_FROM_NOWHERE", 1)
     result = own_humanoids.own_humanoids(1)
     assert [row[:3] for row in result.rows] == [

@@ -221,7 +221,7 @@ def test_a_run_tells_of_slips_before_it_starts(
 ) -> None:
     """Though the lines may fit nevertheless."""
     change(recording / "wheels.csv", ["a", "b"], lambda way: 1000.0 * way)
-    assert main(["run", str(recording), "-o", str(tmp_path / "run")]) == 0
+    assert main(["run", str(recording), "--start=-5.19,-2.1,0", "-o", str(tmp_path / "run")]) == 0
     assert "warning: wheels.csv: a way of" in capsys.readouterr().err
 
 

@@ -353,9 +353,9 @@ class Touchline:
                 others.append(Hypothesis(at, off_m, probability * end, spread))
             if end < 1.0:
                 others.append(Hypothesis(at.mirrored(), off_m, probability * (1.0 - end), mirrored_covariance(spread)))
-        status, held = self.judged.status, self.safeguard.held
-        if not self.safeguard.integrity.is_believed:
-            status = Status.SEARCHING if status is Status.TRACKING else status
+        status, held, reason = self.judged.status, self.safeguard.held, self.safeguard.verdict.reason
+        if status is Status.TRACKING and not self.safeguard.integrity.is_believed:
+            status, reason = Status.SEARCHING, self.safeguard.integrity.reason
         if held is not None:
             others.append(Hypothesis(pose, residual_m, None, covariance))
             pose, covariance = held.pose, held.covariance
@@ -377,7 +377,7 @@ class Touchline:
             problems=self.problems,
             protection_m=bound_m,
             protection_rad=bound_rad,
-            reason=self.safeguard.integrity.reason if status is not Status.TRACKING else "",
+            reason=reason,
             end_probability=None if best is None else end,
             statistics=self.safeguard.integrity.statistics,
             odometry=None if best is None else best.filter.odometry,

@@ -15,6 +15,7 @@ from touchline.messages import counted
 from touchline.types.drawing import estimate_html
 from touchline.types.seen import Observation
 
+UNCONFIRMED = "not yet confirmed by motion"  # reason of a pose that explains its image, before the robot has moved
 _TWIN_M, _TWIN_RAD = 0.5, 0.5  # nearer than this to the turned pose a hypothesis is the twin
 
 
@@ -146,6 +147,11 @@ class Estimate:
         """The status with its bound and reason: "tracking within 7 cm", "searching (not yet confirmed by motion)"."""
         within = "" if self.protection_m is None else f" within {math.ceil(100.0 * self.protection_m)} cm"
         return f"{self.status.value}{within}{f' ({self.reason})' if self.reason else ''}"
+
+    @property
+    def explains_image(self) -> bool:
+        """Whether the pose is tracked, or would be if the robot had moved."""
+        return self.status is Status.TRACKING or self.reason == UNCONFIRMED
 
     def unconfirmed(self, reason: str) -> Estimate:
         """The same pose, searching and without a bound, for this reason."""

@@ -130,8 +130,8 @@ def look_at_recording(
     detector = running.detector if frame.observation is None else None
     assert estimate.observation is not None
     pose: Pose | None = estimate.pose
-    found = f"{estimate.status.value}, as {system} has it after {counted(stepped.number + 1, 'image')}"
-    if estimate.status is not Status.TRACKING:
+    found = f"{estimate.status_text()}, as {system} has it after {counted(stepped.number + 1, 'image')}"
+    if not estimate.explains_image:
         pose, found = None, f"no field lines are drawn: the robot is not located ({found})"
     return Look(
         f"{source.name}-{stepped.number}",

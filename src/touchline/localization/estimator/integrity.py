@@ -22,6 +22,7 @@ from touchline.localization.estimator.visual_motion import Camera, Sighting, Vis
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.motion import MotionHistory
+from touchline.types.estimate import UNCONFIRMED
 
 SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with which it begins to count
 CHANCE_EVERY = 3  # images in which the chance level is found once
@@ -133,7 +134,7 @@ class Integrity:
         if self.verdict.reason or self.is_believed:
             return self.verdict.reason
         if not self.confirmed:
-            return "not yet confirmed by motion"
+            return UNCONFIRMED
         return (
             "the pose has jumped" if self._since_jump < SHARE_MEMORY else "the pose explains too little of what is seen"
         )
