@@ -357,7 +357,7 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["run", "tiny", "--wings"], "--wings"),
         (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),
         (["run", "tiny", "--system", "fake", "--set", "noise=1"], "did you mean 'noise_m'?"),
-        (["run", "tiny", "--set", "motion"], "--set motion: expected KEY=VALUE, for example --set min_points="),
+        (["run", "tiny", "--set", "motion"], "--set motion: expected KEY=VALUE, for example --set start_position_m="),
         (["experiment", "xiong-samples", "--output", "tiny/images.csv"], "cannot be written"),
         (["run", "tiny", "--system", "fake", "--set", "sigma=1"], "unknown setting 'sigma': known: noise_m"),
         (

@@ -41,6 +41,7 @@ MIN_LAG_M, MIN_SPEED_M_S = 0.04, 0.3  # jump and speed from which a clock may ha
 LAG_ASIDE_M, LAG_ASIDE_RATIO = 0.04, 0.15  # beside its own way
 PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are not Gaussian: 3.7 sigma are not enough
 CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by how much
+VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic from which no bound can be given
 IN_PLACE_M, TURNED_RAD = 0.1, 0.3  # a turn in place that no odometry tells
@@ -50,13 +51,14 @@ _GOLDEN = 2.399963
 
 class Verdict(NamedTuple):
     """Whether images, and the odometry, are trusted; the reason, empty where both are; how late images are stamped,
-    where that explains everything.
+    where that explains everything; since_ns: when the fault began, where that is known.
     """
 
     images: bool
     odometry: bool
     reason: str = ""
     late_s: float | None = None
+    since_ns: int | None = None
 
 
 class Jump(NamedTuple):
@@ -157,10 +159,12 @@ class Integrity:
         """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none can
         be given. covariance (3, 3): of the pose.
         """
-        others = [value for name, value in self.statistics.items() if name != CAMERA]
-        if max(others, default=0.0) > MAX_PROTECTED or self.verdict.reason:
+        # by vision alone the motion's statistics tell of the odometry, which does not count
+        beside = (CAMERA,) if self.verdict.odometry else (CAMERA, *self.relation.statistics)
+        others = [value for name, value in self.statistics.items() if name not in beside]
+        if max(others, default=0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
             return None
-        worst = max(self.statistics.values(), default=0.0)
+        worst = max(*others, self.statistics.get(CAMERA, 0.0), 0.0 if self.verdict.odometry else VISION_ALONE)
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
@@ -204,7 +208,7 @@ class Integrity:
         if self.lag_s and self.relation.refutes_lag(self.lag_s):
             self.lag_s = 0.0
         if jump.predicted is not None and self.verdict is ALL_WELL:
-            self._take_jump(best.filter.pose, jump.predicted)
+            self._take_jump(stamp_ns, best.filter.pose, jump.predicted)
         return self.verdict
 
     def _confirm(self, jump: Jump, moves: bool) -> None:
@@ -216,20 +220,22 @@ class Integrity:
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
 
-    def _take_jump(self, pose: Pose, predicted: Pose) -> None:
+    def _take_jump(self, stamp_ns: int, pose: Pose, predicted: Pose) -> None:
         """A pose that jumps to just where a mirrored or turned image would put it."""
         off_m, turn = pose.distance_to(predicted), wrap_angle(pose.heading - predicted.heading)
         x, y, heading = predicted
         for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
             near = pose.distance_to(at) < MIRRORED_M and abs(wrap_angle(pose.heading - at.heading)) < MIRRORED_RAD
             if near and (off_m > 2.0 * MIRRORED_M or abs(turn) > 2.0 * MIRRORED_RAD):
-                self.verdict = Verdict(False, True, "images are mirrored: left and right are exchanged")
+                text = "images are mirrored: left and right are exchanged"
+                self.verdict = Verdict(False, True, text, since_ns=stamp_ns)
                 self.relation.suspect(MIRRORED, 0.0)
                 return
         if off_m > MIN_LAG_M:
             self._take_lag(pose, predicted)
         if off_m < IN_PLACE_M and abs(turn) > TURNED_RAD:
-            self.verdict = Verdict(False, True, f"images are turned by {math.degrees(-turn):.0f}° against the wheels")
+            text = f"images are turned by {math.degrees(-turn):.0f}° against the wheels"
+            self.verdict = Verdict(False, True, text, since_ns=stamp_ns)
             self.relation.suspect(ROTATION, -turn)
 
     def _take_lag(self, pose: Pose, predicted: Pose) -> None:
@@ -283,7 +289,8 @@ class Integrity:
         images = {name: statistics[name] for name in ("share", "chance", "carpet")}
         if statistics["repetition"] >= 1.0:
             seconds = f"{self._repeated_s:.1f} s"
-            self.verdict = Verdict(False, True, f"the image has not changed for {seconds} while the wheels turned")
+            reason = f"the image has not changed for {seconds} while the wheels turned"
+            self.verdict = Verdict(False, True, reason, since_ns=self._same_since_ns)
         elif max(images.values()) >= 1.0:
             reason = self._image_reason(max(images, key=lambda one: images[one]))
             self.verdict = Verdict(False, self.verdict.odometry, reason)

@@ -115,7 +115,8 @@ class Safeguard:
         """Go back to before the fault, as far as it is known when that was."""
         if not self._kept:
             return
-        old = [one for one in self._kept if stamp_ns - one.stamp_ns >= 1e9 * BACK_S]
+        since_ns = self.verdict.since_ns or stamp_ns - round(1e9 * BACK_S)
+        old = [one for one in self._kept if one.stamp_ns < since_ns]
         kept = old[-1] if old else self._kept[0]
         if stamp_ns - kept.stamp_ns < 5e9:
             self.held = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
