@@ -62,7 +62,9 @@ class TestOmnidirectional:
     @pytest.mark.parametrize("name", OMNI)
     def test_lines_and_line_points_lie_where_they_lie_in_the_recording(self, shared_data: Path, name: str) -> None:
         recording = open_source(shared_data / name)
-        camera = SimulatedOmniCamera(OmniCamera.load(shared_data / name / "camera.yaml"))
+        told = open_camera(shared_data / name / "camera.yaml")
+        assert isinstance(told, OmniCamera)
+        camera = SimulatedOmniCamera(told)
         world = default_world(recording.field, 3)
         images: dict[str, list[ImageArray]] = {"recorded": [], "rendered": []}
         offsets: dict[str, list[FloatArray]] = {"recorded": [], "rendered": []}

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from touchline.camera import OmniCamera
+from touchline.camera import OmniCamera, open_camera
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.simulation.cameras.image_sensor import ImageSensor, noise_numbers
@@ -121,7 +121,9 @@ def true_pose(folder: Path, frame: int) -> Pose:
 
 def test_colours_of_the_rendered_carpet_and_paint_are_near_the_recorded_ones(small_data: Path) -> None:
     folder = small_data / "omni_msl_track"
-    camera = SimulatedOmniCamera(OmniCamera.load(folder / "camera.yaml"))
+    told = open_camera(folder / "camera.yaml")
+    assert isinstance(told, OmniCamera)
+    camera = SimulatedOmniCamera(told)
     world = default_world(open_field(folder / "field.yaml"), 4)
     rendered = camera.render(world, WorldState(), true_pose(folder, 0), rng=np.random.default_rng(1))
     recorded = cv2.imread(str(folder / "images" / "000000.jpg"))

@@ -24,7 +24,7 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors.base import CameraErrors, placed_points
 from touchline.localization.camera_errors.mirror import MISFIT_M2, NAMES, mirror_errors
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M, MirrorResponse
-from touchline.types import Estimate, LinePoints, Status
+from touchline.types import Estimate, LinePoints
 
 IMAGES, MIN_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
 APART_M, TURN_M = 0.3, 1.5  # how far images lie apart at least; a turn by a radian counts so much
@@ -108,7 +108,7 @@ def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[Vi
     found = [
         View(e.observation.points, e.pose.as_array())
         for e in estimates
-        if e.status is Status.TRACKING and e.observation is not None and len(e.observation.points) >= 30
+        if e.explains_image and e.observation is not None and len(e.observation.points) >= 30
     ]
     if not found:
         return ()

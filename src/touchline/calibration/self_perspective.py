@@ -25,7 +25,7 @@ from touchline.localization.registration.registration import TRACKING, Registrat
 from touchline.localization.registration.seen import seen_of
 from touchline.localization.search.feature_search import distinct
 from touchline.systems.touchline import Touchline
-from touchline.types import Frame, Status
+from touchline.types import Frame
 
 SHARED = ("roll", "pitch", "height", "focal length")
 PRIOR = np.array([0.05, 0.05, 0.05, 0.05])  # standard deviations before: rad, rad, ratios
@@ -65,7 +65,7 @@ def perspective_views(system: Touchline, frames: Iterable[Frame]) -> tuple[Persp
     views = []
     for frame in frames:
         estimate = system.step(frame)
-        if estimate.status is Status.TRACKING and estimate.observation is not None:
+        if estimate.explains_image and estimate.observation is not None:
             seen = seen_of(estimate.observation, system.features, 1.0)
             if seen.shares.sum() >= MIN_SEEN:
                 views.append(PerspectiveView(seen, system.errors.response(frame), estimate.pose.as_array()))
