@@ -11,7 +11,6 @@ import pytest
 
 from touchline.evaluation.points.point_set import polar_covariances, read_point_set
 from touchline.experiments.drives import Drive, driven, followed
-from touchline.experiments.faults import seeing
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose
@@ -26,7 +25,7 @@ from touchline.localization.registration.line_likeness import (
     count_points,
 )
 from touchline.localization.registration.seen import POINT_SHARE, evenly_counted, seen_of
-from touchline.types import Observation, Prior, generic_covariances, points_at
+from touchline.types import Frame, Observation, Prior, generic_covariances, points_at
 
 RNG = np.random.default_rng(25)
 NOISE = (0.02, 0.01, 0.0087)  # of the point set
@@ -46,6 +45,11 @@ def painted(start: tuple[float, float], end: tuple[float, float], count: int) ->
     across = np.array([[0.0, -1.0], [1.0, 0.0]]) @ (ends[1] - ends[0]) / math.dist(start, end)
     points: FloatArray = ends[0] + share * (ends[1] - ends[0]) + RNG.uniform(-0.025, 0.025, (count, 1)) * across
     return points
+
+
+def seeing(frame: Frame, points: FloatArray) -> Frame:
+    """A frame that shows these points (N, 2), robot frame, instead."""
+    return replace(frame, observation=Observation(frame.stamp_ns, points_at(points)))
 
 
 def heap(x: float, y: float, count: int = 200) -> FloatArray:

@@ -188,7 +188,8 @@ def searched(localizer: GridLocalizer | ParticleLocalizer | ParticleFollower, fr
     found: list[Localization] = []
     for k in range(frames):
         guess = prediction(found[-1].pose if found else Pose(0.0, 0.0, 0.0))
-        localizer.predict(STILL)
+        if not isinstance(localizer, GridLocalizer):
+            localizer.search.predict(STILL)
         one = localizer.localize(match_input(seed=k), guess)
         assert one is not None
         found.append(one)
@@ -201,7 +202,10 @@ def searched(localizer: GridLocalizer | ParticleLocalizer | ParticleFollower, fr
 def test_every_localizer_finds_the_robot_within_ten_frames(
     localizer: GridLocalizer | ParticleLocalizer | ParticleFollower,
 ) -> None:
-    localizer.reset()
+    if isinstance(localizer, ParticleFollower):
+        localizer.search.reset()
+    else:
+        localizer.reset()
     last = searched(localizer, 10)[-1]
     assert last.confirmed
     assert last.has_pose

@@ -42,6 +42,10 @@ if TYPE_CHECKING:
     from touchline.view.viewer import Screen
 
 EXAMPLE = "omni_msl_track_short"
+_UNMOVED = (
+    "no pose is tracked: they fit the images, but the robot has not moved enough to confirm them; "
+    "--start or --own-half tell where it was"
+)
 _MAX_SAID = 5  # phrases of a system; the report has more
 
 
@@ -171,7 +175,9 @@ def execute(
     frames = finished.summary["frames"]
     if finished.summary["ended"] == "interrupted":
         raise InterruptedRun(f"interrupted: {counted(frames, 'image')} done")
-    if not finished.summary["status"]["tracking"]:
+    if not finished.summary["status"]["tracking"] and finished.summary["unmoved_frames"]:
+        say(_UNMOVED, style="yellow")
+    elif not finished.summary["status"]["tracking"]:
         why = finished.summary["why_not_localised"] or f"`touchline check {prepared.source.path}` may tell why"
         raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
 

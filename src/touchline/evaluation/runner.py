@@ -21,6 +21,7 @@ from touchline.sources.description import NO_CAMERA
 from touchline.systems import RobotSetup
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
+from touchline.types.estimate import UNCONFIRMED
 
 _MAX_PICTURES, _MAX_THUMBNAILS = 6, 100
 _MAX_SAID = 50  # phrases of a system that are kept
@@ -132,6 +133,7 @@ class RunTally:
     unseen: Counter[str] = field(default_factory=Counter)
     late_frames: int = 0
     unconfirmed_frames: int = 0
+    unmoved: int = 0  # images whose pose motion has not confirmed yet
     clock_set_back: int = 0
     either_side: int = 0
     other_side: Pose | None = None
@@ -146,6 +148,7 @@ class RunTally:
         self.first_ns = frame.stamp_ns if self.first_ns is None else self.first_ns
         self.last_ns = frame.stamp_ns
         self.statuses[estimate.status] += 1
+        self.unmoved += estimate.reason == UNCONFIRMED
         if estimate.mode is not None:
             self.modes[estimate.mode] += 1
         if frame.image is not None and is_covered(frame.image):
@@ -178,6 +181,7 @@ class RunTally:
             "missing_images": self.missing_images,
             "late_frames": self.late_frames,
             "unconfirmed_frames": self.unconfirmed_frames,
+            "unmoved_frames": self.unmoved,
             "clock_set_back": self.clock_set_back,
             "black_images": {"count": self.black, "stretches_ns": self.black_ns},
             "either_side": {

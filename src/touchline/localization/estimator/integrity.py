@@ -217,6 +217,8 @@ class Integrity:
         """
         if jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
             self.confirmed, self._contradicted = False, True
+        if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
+            self._shares, self._deficit = [], 0.0
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
 
