@@ -100,7 +100,7 @@ class Integrity:
         self._chance, self._since_chance = 0.0, CHANCE_EVERY
         self._deficit = self._error_z = self._outside_m = 0.0
         self._points, self._same_since_ns = b"", 0
-        self._repeated_s, self._way_at_m = 0.0, 0.0
+        self._repeated_s = 0.0
 
     @property
     def share(self) -> float:

@@ -84,7 +84,7 @@ def _cost(seen, told, weights, i):  # type: ignore[no-untyped-def]
     w = weights[i]
     half = 0.5 * (w[0, 0] * x * x + w[1, 1] * y * y + w[2, 2] * turn * turn)
     half += w[0, 1] * x * y + w[0, 2] * x * turn + w[1, 2] * y * turn
-    return min(half, 9.0) if half == half else 0.0
+    return min(half, MAX_COST) if half == half else 0.0
 
 
 @njit(cache=True, error_model="numpy")
