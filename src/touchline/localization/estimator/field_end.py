@@ -86,9 +86,8 @@ class FieldEnd:
 
     def leave_open(self) -> None:
         """Nothing is known of the end until something tells."""
-        compass_doubted = self.compass
         self._forget(False)
-        compass_doubted.reset()
+        self.compass.reset()
         self.undecided = True
 
     def jumped(self) -> None:

@@ -27,7 +27,7 @@ from touchline.types.estimate import UNCONFIRMED
 SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with which it begins to count
 CHANCE_EVERY = 3  # images in which the chance level is found once
 MIN_SHARE_NOW, MIN_SHARE_JUMPED = 0.6, 0.75  # of the newest few images; after a jump of the pose
-JUMP_M = 0.25
+JUMP_M = 0.25  # of the pose, after which that holds for some images
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
@@ -80,7 +80,6 @@ class Integrity:
         self._registration = registration
         self._reach_m = 0.5 * np.array([field.length, field.width]) + field.border + OUTSIDE_M
         self._field = field
-        self._velocity: FloatArray = np.zeros(3)
         self.motion = VisualMotion(registration)
         self.relation = MotionRelation()
         self.reset()
@@ -90,7 +89,8 @@ class Integrity:
         self.confirmed, self._proved = confirmed, False
         self.motion.reset()
         self.relation.reset()
-        self.verdict, self.lag_s = ALL_WELL, 0.0
+        self.verdict = ALL_WELL
+        self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
         self._contradicted = False  # whether the first images did the pose that was given
         self.statistics: dict[str, float] = {}
@@ -122,9 +122,10 @@ class Integrity:
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
         return seen and max(value for name, value in self.statistics.items() if name != CAMERA) < SETTLED
 
-    @property
-    def camera_problem(self) -> str | None:
-        """Whether the errors that were learned are more than camera.yaml states; said at first, and now and then."""
+    def report_camera(self) -> str | None:
+        """That the errors which were learned are more than camera.yaml states; at first, and now and then. Once an
+        image.
+        """
         self._camera_images = self._camera_images + 1 if self.statistics.get(CAMERA, 0.0) >= 1.0 else 0
         if self._camera_images % CAMERA_EVERY != 1:
             return None
@@ -137,19 +138,20 @@ class Integrity:
             return self.verdict.reason
         if not self.confirmed:
             return UNCONFIRMED
-        return (
-            "the pose has jumped" if self._since_jump < SHARE_MEMORY else "the pose explains too little of what is seen"
-        )
+        jumped = self._since_jump < SHARE_MEMORY
+        return "the pose has jumped" if jumped else "the pose explains too little of what is seen"
 
     def _measured(self) -> dict[str, float]:
         """Each statistic as a share of its threshold."""
-        full = len(self._shares) >= MIN_IMAGES
+        share = chance = 0.0
+        if len(self._shares) >= MIN_IMAGES:
+            share = max((1.0 - self.share) / (1.0 - MIN_SHARE), self._deficit / MAX_DEFICIT)
+            above = (self.share - self._chance) / (1.0 - self._chance)
+            chance = (1.0 - above) / (1.0 - MIN_ABOVE_CHANCE)
         return {
             **self.relation.statistics,
-            "share": max((1.0 - self.share) / (1.0 - MIN_SHARE), self._deficit / MAX_DEFICIT) if full else 0.0,
-            "chance": (1.0 - (self.share - self._chance) / (1.0 - self._chance)) / (1.0 - MIN_ABOVE_CHANCE)
-            if full
-            else 0.0,
+            "share": share,
+            "chance": chance,
             CAMERA: self._error_z / MAX_ERROR_Z,
             "carpet": self._outside_m / OUTSIDE_M,
             "repetition": self._repeated_s / REPEATED_S,

@@ -101,7 +101,7 @@ class Safeguard:
             self._release(stamp_ns, bank, end)
             if delay.corrected_s:
                 bank.take_delay(delay.corrected_s, delay.deviation_s)
-        camera = self.integrity.camera_problem
+        camera = self.integrity.report_camera()
         return tuple(each for each in (verdict.reason, camera) if each)
 
     def keep(self, stamp_ns: int, one: Filter, end: FieldEnd) -> None:
