@@ -15,7 +15,7 @@ import pytest
 
 from touchline.geometry import Pose
 from touchline.live.dds import DdsLink
-from touchline.live.heard import Heard, Reading, Told
+from touchline.live.heard import Heard, Published, Reading
 from touchline.types import Estimate, Status
 
 PEER = Path(__file__).parents[1] / "examples" / "fastdds" / "peer.cpp"
@@ -63,7 +63,9 @@ def test_what_is_told_is_heard_by_fast_dds(peer: Path) -> None:
         link._node.announce("/touchline/pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
         time.sleep(3.0)
         for k in range(COUNT):
-            link.tell(Told(replace(estimate, stamp_ns=(k + 1) * 10_000_000, pose=Pose(0.01 * (k + 1), 2.0, 0.5))))
+            link.publish(
+                Published(replace(estimate, stamp_ns=(k + 1) * 10_000_000, pose=Pose(0.01 * (k + 1), 2.0, 0.5)))
+            )
             time.sleep(0.01)
         lines = listens.communicate(timeout=60.0)[0].splitlines()
     link.close()

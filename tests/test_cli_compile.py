@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numba
 
-from touchline.cli.console import told_of_compiling
+from touchline.cli.console import announce_compiling
 from touchline.systems import SYSTEMS
 
 RUN = [sys.executable, "-m", "touchline"]
@@ -31,12 +31,12 @@ def test_compile_names_every_system_and_leaves_nothing_to_compile(tmp_path: Path
 def test_a_first_start_says_once_what_it_waits_for() -> None:
     said: list[str] = []
     twice = numba.njit(lambda x: x + x)
-    with told_of_compiling(said.append):
+    with announce_compiling(said.append):
         twice(1)
         twice(1.5)
     assert len(said) == 1
     assert "touchline compile" in said[0]
-    with told_of_compiling(said.append):
+    with announce_compiling(said.append):
         twice(2)
     assert len(said) == 1
 

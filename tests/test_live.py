@@ -25,11 +25,11 @@ from touchline.live.datagrams import (
     PART_BYTES,
     Datagrams,
     image_datagrams,
+    published_datagram,
     reading_datagram,
     seen_datagram,
-    told_datagram,
 )
-from touchline.live.heard import Heard, Picture, Reading, Sight, Start, Told
+from touchline.live.heard import Heard, Picture, Published, Reading, Sight, Start
 from touchline.live.loop import LiveLoop
 from touchline.live.playing import play
 from touchline.live.udp import UdpLink, UdpRobot
@@ -166,17 +166,17 @@ def test_evidence_comes_as_it_was_said_and_what_is_none_is_counted() -> None:
 
 def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     estimate = Estimate(9, Pose(2.0, 1.0, np.pi / 2), np.eye(3), Status.TRACKING, residual_m=float("nan"))
-    said = json.loads(told_datagram(Told(estimate, Pose(2.0, 0.0, np.pi / 2), image=True, dropped=2)))
+    said = json.loads(published_datagram(Published(estimate, Pose(2.0, 0.0, np.pi / 2), image=True, dropped=2)))
     assert said["status"] == "tracking"
     np.testing.assert_allclose(said["map_from_odom"], [2.0, 0.0, np.pi / 2], atol=1e-12)
     assert said["covariance"] == np.eye(3).ravel().tolist()
     assert (said["residual_m"], said["dropped"], said["image"]) == (None, 2, True)
     assert (said["stamp_ns"], said["protection_m"], said["reason"], said["mode"]) == (9, None, "", "")
     sure = replace(estimate, protection_m=0.06, protection_rad=0.02, end_probability=1.0, statistics={"motion": 0.5})
-    said = json.loads(told_datagram(Told(sure)))
+    said = json.loads(published_datagram(Published(sure)))
     assert [said[name] for name in ("protection_m", "protection_rad", "end_probability")] == [0.06, 0.02, 1.0]
     assert said["statistics"] == {"motion": 0.5}
-    assert json.loads(told_datagram(Told(sure.unconfirmed("too far"))))["reason"] == "too far"
+    assert json.loads(published_datagram(Published(sure.unconfirmed("too far"))))["reason"] == "too far"
 
 
 def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -184,7 +184,7 @@ def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]
     plain = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
     for seconds in (0.2, 0.4, 0.6):
         what = f"the image has not changed for {seconds} s while the wheels turned"
-        shown.take(Told(replace(plain, problems=(what, "odometry drifts")), image=True))
+        shown.take(Published(replace(plain, problems=(what, "odometry drifts")), image=True))
     out = capsys.readouterr().out
     assert [out.count(text) for text in ("has not changed", "for 0.2 s", "odometry drifts")] == [1, 1, 1]
 
@@ -197,7 +197,7 @@ class Script:
 
     def __init__(self, events: list[list[Heard]]) -> None:
         self.events = events
-        self.told: list[Told] = []
+        self.published: list[Published] = []
         self.refused: dict[str, int] = {}
 
     def hear(self, timeout_s: float) -> list[Heard]:
@@ -206,8 +206,8 @@ class Script:
             time.sleep(0.001)
         return found
 
-    def tell(self, told: Told) -> None:
-        self.told.append(told)
+    def publish(self, published: Published) -> None:
+        self.published.append(published)
 
     def close(self) -> None: ...
 
@@ -234,11 +234,11 @@ class Slow:
 
 
 def looped(events: list[list[Heard]], localizer: Any, images: int) -> tuple[LiveLoop, Script]:
-    """Runs until so many images have been told or dropped."""
+    """Runs until so many images have been answered or dropped."""
     script = Script(events)
     loop = LiveLoop(script, localizer)
     ends_s = time.monotonic() + 20.0
-    loop.run(lambda: loop.counts["told"] + loop.counts["dropped"] >= images or time.monotonic() > ends_s)
+    loop.run(lambda: loop.counts["published"] + loop.counts["dropped"] >= images or time.monotonic() > ends_s)
     return loop, script
 
 
@@ -251,25 +251,25 @@ def test_a_backlog_is_worked_off_in_order_while_the_program_is_quicker_than_the_
     loop, script = looped(sights(20, 0.1), localizer, 20)
     assert localizer.seen == list(range(20))
     assert loop.counts["dropped"] == 0
-    assert [told.estimate.stamp_ns for told in script.told] == list(range(20))
+    assert [published.estimate.stamp_ns for published in script.published] == list(range(20))
 
 
 def test_the_latest_image_wins_where_the_program_is_slower_and_the_others_are_counted() -> None:
     localizer = Slow(0.03)
     first = sights(6, 0.01)
     loop, script = looped([*first, *([[]] * 300), *sights(40, 0.01)[6:]], localizer, 40)
-    assert loop.counts["told"] + loop.counts["dropped"] == 40
+    assert loop.counts["published"] + loop.counts["dropped"] == 40
     assert loop.counts["dropped"] > 10
     assert localizer.seen[-1] == 39
-    assert script.told[-1].dropped == loop.counts["dropped"]
+    assert script.published[-1].dropped == loop.counts["dropped"]
 
 
 def test_poses_go_out_at_every_sample_of_the_odometry_once_there_is_one() -> None:
     readings: list[list[Heard]] = [[Reading("odometry", 10 * k, (0.1 * k, 0.0, 0.0))] for k in range(5)]
     events = [*readings, *sights(1, 0.1), *([[]] * 100), *[[r] for r in [Reading("odometry", 60, (0.6, 0.0, 0.0))]]]
     _, script = looped([*events, *sights(1, 0.1)], Slow(0.0), 2)
-    carried = [told for told in script.told if not told.image]
-    assert [told.estimate.stamp_ns for told in carried] == [60]
+    carried = [published for published in script.published if not published.image]
+    assert [published.estimate.stamp_ns for published in carried] == [60]
     assert carried[0].map_from_odom is not None
     np.testing.assert_allclose(carried[0].map_from_odom, (0.4, 0.0, 0.0))
 
@@ -280,7 +280,7 @@ def test_the_odometry_at_an_image_lies_between_its_samples() -> None:
         Reading("odometry", 100, (1.0, 2.0, -3.1)),
     ]
     _, script = looped([readings, [Sight(25, 0.0, observation=Observation(25))]], Slow(0.0), 1)
-    found = script.told[-1].map_from_odom
+    found = script.published[-1].map_from_odom
     assert found is not None
     heading = 3.1 + 0.25 * (2 * np.pi - 6.2)
     np.testing.assert_allclose(found, Pose(0.25, 0.5, heading).inverse(), atol=1e-12)
@@ -289,7 +289,7 @@ def test_the_odometry_at_an_image_lies_between_its_samples() -> None:
 def test_the_odometry_frame_of_an_image_newer_than_all_samples_is_that_of_the_newest() -> None:
     readings: list[Heard] = [Reading("odometry", 0, (0.0, 0.0, 0.0)), Reading("odometry", 100, (0.4, 0.0, 0.0))]
     _, script = looped([readings, [Sight(150, 0.0, observation=Observation(150))]], Slow(0.0), 1)
-    found = script.told[-1].map_from_odom  # Slow says that the robot was at x = 1 then
+    found = script.published[-1].map_from_odom  # Slow says that the robot was at x = 1 then
     assert found is not None
     np.testing.assert_allclose(found, (0.6, 0.0, 0.0))
 

@@ -25,7 +25,7 @@ from touchline.geometry import Pose, Pose3
 from touchline.live import ros_end
 from touchline.live.dds import DdsLink, DdsNode, DdsRobot
 from touchline.live.dds_types import Cdr, dds_name, ros_name, sample, sample_type
-from touchline.live.heard import Heard, Picture, Reading, Sight, Start, Told
+from touchline.live.heard import Heard, Picture, Published, Reading, Sight, Start
 from touchline.live.ros import RosReader
 from touchline.live.ros_end import UNUSABLE
 from touchline.live.ros_topics import FIXED_TOPICS, Outgoing
@@ -131,7 +131,7 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
     found: dict[str, Any] = {}
 
     def told() -> bool:
-        link.tell(Told(estimate, Pose(1.0, 1.0, 0.0), image=True))
+        link.publish(Published(estimate, Pose(1.0, 1.0, 0.0), image=True))
         for name, reader in readers.items():
             for each in reader.take(10):
                 found[name] = other.codec.decode(Topic(name, kinds[name], "cdr", None, 1), each)
@@ -234,7 +234,9 @@ def test_a_booster_robot_is_heard_on_its_topics_and_told_its_pose() -> None:
     assert sight.observation is not None
     assert sight.observation.crossings.positions_m.tolist() == [[1.0, 2.0]]
     estimate = Estimate(before_ns, Pose(1.0, -2.0, 0.5), np.eye(3), Status.TRACKING)
-    taken = waited(lambda: link.tell(Told(estimate)) or [each for each in reader.take(1) if isinstance(each, Cdr)])
+    taken = waited(
+        lambda: link.publish(Published(estimate)) or [each for each in reader.take(1) if isinstance(each, Cdr)]
+    )
     pose = robot.codec.decode(Topic("/pose", "geometry_msgs/msg/Pose2D", "cdr", None, 1), taken[0])
     assert (pose.x, pose.y, pose.theta) == (1.0, -2.0, 0.5)
     link.close()

@@ -17,7 +17,7 @@ import pytest
 from touchline.cli import main
 from touchline.geometry import Pose
 from touchline.live import rclpy_link, ros_end
-from touchline.live.heard import Heard, Reading, Sight, Told
+from touchline.live.heard import Heard, Published, Reading, Sight
 from touchline.live.rclpy_link import RclpyLink
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
@@ -140,7 +140,7 @@ def test_topics_are_found_read_as_their_publishers_offer_and_answered(graph: Gra
     heard = listened(link, lambda heard: bool(heard) and bool(link.refused))
     assert [each.stamp_ns for each in heard if isinstance(each, Reading)] == [7]
     assert any("/odom that can't be used" in what for what in link.refused)
-    link.tell(Told(Estimate(9, Pose(1.0, 2.0, 0.5), np.eye(3), Status.TRACKING), image=True))
+    link.publish(Published(Estimate(9, Pose(1.0, 2.0, 0.5), np.eye(3), Status.TRACKING), image=True))
     told = {name: codec.decode(Topic(name, kind, "cdr", None, 1), data) for name, kind, data in graph.published}
     assert set(told) == {"/touchline/pose", "/tf", "/diagnostics"}
     assert told["/touchline/pose"].pose.pose.position.y == 2.0

@@ -7,9 +7,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
-from fakes import write_recording
+from fakes import FakeSource, FakeSystem, true_samples, write_recording
 
 from touchline.cli import main
 from touchline.config import load_settings
@@ -17,9 +18,11 @@ from touchline.errors import InputError
 from touchline.evaluation.tuning import Dimension, Search, Task, dimension_from_text, score_of, tasks_on, tune
 from touchline.evaluation.tuning.result import best_file, judge, trials_figure, trials_table
 from touchline.evaluation.tuning.search import best_of
-from touchline.evaluation.tuning.trial import MAX_M, Score, Trial, base_of, mean_score, settings_of
+from touchline.evaluation.tuning.trial import MAX_M, Score, Trial, base_of, mean_score, scored, settings_of
 from touchline.evaluation.workers import Here, open_workers
+from touchline.sources.source import Truth
 from touchline.systems.nubot_mti import NubotMtiSettings
+from touchline.systems.ordered import OrderedSystem
 
 SYSTEM, SCENARIO = "nubot-mti", "straight-tracks"
 SPACE = ("matching.c_m=0.05:0.6:log", "matching.iterations=2:30")
@@ -71,6 +74,18 @@ def test_what_an_image_costs() -> None:
     assert lost * MAX_M <= score.cost_m < lost * MAX_M + 0.1
     assert mean_score([Score(1.0, 0.0, float("nan")), Score(0.02, 1.0, 0.01)]) == Score(0.51, 0.5, 0.01)
     assert score_of(replace(task, changes=(("matching.c_m", -1.0),))) is None
+
+
+def test_a_late_image_after_a_black_one_is_not_counted() -> None:
+    frames = list(FakeSource(6, black=(4,)))
+    truth = Truth(true_samples(6).stamp_ns, true_samples(6).values)
+    in_order, late = (
+        [*frames[:5], *between, frames[5]] for between in ([], [replace(frames[3], stamp_ns=350_000_000)])
+    )
+    scores = [
+        scored(each, truth, OrderedSystem(FakeSystem(np.random.default_rng(0), 0.0))) for each in (in_order, late)
+    ]
+    assert scores[0] == scores[1]
 
 
 def test_the_best_settings_are_a_file_that_run_takes(tmp_path: Path) -> None:

@@ -47,35 +47,35 @@ def check_consistency(survey: Survey) -> Iterator[Finding]:
         system = OrderedSystem(open_system(DEFAULT_SYSTEM, robot_setup(recording)))
     except InputError:
         return  # the camera's own check says so
-    said, looked, tracked = SaidLog(), 0, 0
+    problems, looked, tracked = SaidLog(), 0, 0
     for frame in islice(recording.again(), _MAX_FRAMES):
         estimate = system.step(frame)
         looked, tracked = looked + 1, tracked + (estimate.status is Status.TRACKING)
         for phrase in estimate.problems:
             if not _NO_FAULT.search(phrase):
-                said.add(phrase, estimate.stamp_ns)
+                problems.add(phrase, estimate.stamp_ns)
         unnamed = [] if estimate.problems else [name for name, value in estimate.statistics.items() if value >= 1.0]
         if unnamed:
-            said.add(f"sensors and field contradict each other, by {listed(unnamed)}", estimate.stamp_ns)
+            problems.add(f"sensors and field contradict each other, by {listed(unnamed)}", estimate.stamp_ns)
         survey.progress()
     if looked < _MIN_FRAMES:
         yield too_few("consistency", _OTHER_FILE, "whether the sensors agree", looked, _MIN_FRAMES)
         return
-    yield from _findings(said, looked, survey)
-    if not said.stretches and tracked:
+    yield from _findings(problems, looked, survey)
+    if not problems.stretches and tracked:
         what = f"sensors, images and field agree in {counted(looked, 'image')}, tracked in {tracked}"
         yield Finding("consistency", Severity.OK, _OTHER_FILE, what)
 
 
-def _findings(said: SaidLog, looked: int, survey: Survey) -> Iterator[Finding]:
+def _findings(problems: SaidLog, looked: int, survey: Survey) -> Iterator[Finding]:
     """One for each phrase, its stretches together."""
     alike: dict[str, list[Said]] = {}
-    for one in said.stretches:
+    for one in problems.stretches:
         alike.setdefault(without_numbers(one.what), []).append(one)
     for stretches in alike.values():
         what, images = stretches[-1].what, sum(one.images for one in stretches)
         since_s = stretches[0].first_ns / 1e9 - survey.stamps_s[0]
         where = next((file for pattern, file in _FILES if pattern.search(what)), _OTHER_FILE)
-        told = f"{what} (in {images} of {counted(looked, 'image')}, first {since_s:.1f} s after the beginning)"
+        text = f"{what} (in {images} of {counted(looked, 'image')}, first {since_s:.1f} s after the beginning)"
         severity = Severity.ERROR if images > _SPOILS * looked else Severity.WARNING
-        yield Finding("consistency", severity, where, told, _ADVICE)
+        yield Finding("consistency", severity, where, text, _ADVICE)

@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
-from touchline.cli.console import errors_console, output, plain_table, say, steps_shown, told_of_compiling
+from touchline.cli.console import announce_compiling, errors_console, output, plain_table, say, steps_shown
 from touchline.cli.workers import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
@@ -91,7 +91,7 @@ def recordings(
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
     name = system_info(system or DEFAULT_SYSTEM).name
-    with told_of_compiling(errors_console().print), open_workers(workers, dask) as hands:
+    with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
         scores = list(hands.map(partial(bench_recording, system=name), [folder.resolve() for folder in folders]))
     if json:
         typer.echo(_as_json({"system": name, "recordings": [score.to_dict() for score in scores]}))

@@ -76,7 +76,7 @@ def steps_shown(title: str, total: int, compiles: bool = False) -> Iterator[Call
     console = errors_console()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(title, total=total)
-        with told_of_compiling(console.print) if compiles else nullcontext():
+        with announce_compiling(console.print) if compiles else nullcontext():
             yield lambda *_: progress.advance(task)
 
 
@@ -89,7 +89,7 @@ def print_errors(errors: ErrorTable) -> None:
 
 
 @contextmanager
-def told_of_compiling(say: Callable[[str], None]) -> Iterator[None]:
+def announce_compiling(say: Callable[[str], None]) -> Iterator[None]:
     """Says, once, that the inner loops are being compiled, if they are: that is what a first start waits for."""
     from numba.core import event
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import errors_console, say, told_of_compiling
+from touchline.cli.console import announce_compiling, errors_console, say
 from touchline.cli.interrupts import interruptible
 from touchline.cli.options import (
     BagBase,
@@ -30,7 +30,7 @@ from touchline.errors import InputError
 from touchline.messages import counted, without_numbers
 
 if TYPE_CHECKING:
-    from touchline.live.heard import Link, Robot, Told
+    from touchline.live.heard import Link, Published, Robot
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
     from touchline.view.viewer import LatestShown, Screen
@@ -53,7 +53,7 @@ _Topics = Annotated[
     ),
 ]
 _EVERY_S = 1.0  # so often a line on the terminal
-_SAID_AGAIN_S = 5.0  # a problem that was not told for so long is told again
+_REPEAT_S = 5.0  # after which a problem that is shown is shown again
 
 
 def live(
@@ -148,7 +148,7 @@ def live(
     with (
         shown_in(view, rrd, stays=False) as screen,
         closing(_Shown(localizer, screen, name)) as shown,
-        told_of_compiling(console.print),
+        announce_compiling(console.print),
         interruptible() as stop,
     ):
         loop = LiveLoop(link, localizer, shown.take)
@@ -253,7 +253,7 @@ class _Shown:
 
     def __init__(self, localizer: Localizer, screen: Screen | None, name: str) -> None:
         self._last_s = 0.0
-        self._said_s: dict[str, float] = {}
+        self._shown_s: dict[str, float] = {}
         self._localizer = localizer
         self._view: LatestShown | None = None
         if screen is not None:
@@ -267,30 +267,30 @@ class _Shown:
         if self._view is not None:
             self._view.close()
 
-    def take(self, told: Told) -> None:
+    def take(self, published: Published) -> None:
         """One estimate of an image."""
-        estimate, now_s = told.estimate, time.monotonic()
+        estimate, now_s = published.estimate, time.monotonic()
         if self._view is not None and self._localizer.frame is not None:
             self._view.take(self._localizer.frame, estimate)
         for problem in estimate.problems:
             alike = without_numbers(problem)
-            if now_s - self._said_s.get(alike, -math.inf) > _SAID_AGAIN_S:
+            if now_s - self._shown_s.get(alike, -math.inf) > _REPEAT_S:
                 say(problem)
-            self._said_s[alike] = now_s
+            self._shown_s[alike] = now_s
         if now_s - self._last_s < _EVERY_S:
             return
         self._last_s = now_s
         x, y, heading = estimate.pose
         say(
             f"{estimate.status_text()}: x {x:.2f} m, y {y:.2f} m, {math.degrees(heading):.0f}°, "
-            f"{1e3 * told.after_s:.1f} ms after the image came, {told.dropped} dropped"
+            f"{1e3 * published.after_s:.1f} ms after the image came, {published.dropped} dropped"
         )
 
 
 def _tell_end(loop: LiveLoop, problems: dict[str, int]) -> None:
     counts = loop.counts
     say(
-        f"{counts['told']} of {counts['images']} images localised, {counts['dropped']} dropped; "
+        f"{counts['published']} of {counts['images']} images localised, {counts['dropped']} dropped; "
         f"{counts['readings']} samples of sensors",
         *(f"{count} × {what}" for what, count in sorted(problems.items())),
     )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 from rich.table import Table
 
-from touchline.cli.console import errors_console, plain_table, say, told_of_compiling
+from touchline.cli.console import announce_compiling, errors_console, plain_table, say
 from touchline.cli.console import output as output_console
 from touchline.errors import InputError, NoFitError, TouchlineError
 
@@ -93,7 +93,7 @@ def locate(
 def _searching() -> Iterator[None]:
     """A terminal shows that something is going on: a million points take a second or two, the first start twenty."""
     console = errors_console()
-    with console.status("searching the whole field"), told_of_compiling(console.print):
+    with console.status("searching the whole field"), announce_compiling(console.print):
         yield
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from touchline.cli import INTERRUPTED
-from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, say, told_of_compiling, warn
+from touchline.cli.console import DEBUG_VARIABLE, announce_compiling, errors_console, print_errors, say, warn
 from touchline.cli.interrupts import interruptible
 from touchline.cli.options import (
     BagBase,
@@ -206,7 +206,7 @@ def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bo
     )
     with (
         Progress(*columns, console=errors_console()) as progress,
-        told_of_compiling(progress.console.print),
+        announce_compiling(progress.console.print),
         interruptible() as stop,
     ):
         task = progress.add_task(source.name, total=len(source), rate="")

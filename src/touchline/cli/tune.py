@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import errors_console, output, plain_table, say, told_of_compiling
+from touchline.cli.console import announce_compiling, errors_console, output, plain_table, say
 from touchline.cli.workers import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
@@ -75,7 +75,7 @@ def tune(
         raise InputError("--judge: the winner was found on these; it has to be judged on others")
     _make(output)
     console = errors_console()
-    with told_of_compiling(console.print), open_workers(workers, dask) as hands, _Progress(trials) as progress:
+    with announce_compiling(console.print), open_workers(workers, dask) as hands, _Progress(trials) as progress:
         tried = search_for(asked, output / JOURNAL, trials, hands, progress.take)
         best = tried[best_of(tried)]
         judged = judge(judged_on or (), others, best.values, hands) if others and best.values else None

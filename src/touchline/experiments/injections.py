@@ -32,7 +32,7 @@ ROUNDING_S = 1e-6
 SENSORS = ("odometry", "wheels", "gyro", "compass", "tilt")
 Random: TypeAlias = np.random.Generator
 Change: TypeAlias = Callable[[Drive, BoolArray, Random], Drive]
-Told: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]  # of times (N,) in s and values (N, K), other values
+Edit: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]  # of times (N,) in s and values (N, K), other values
 
 
 class Fault(NamedTuple):
@@ -109,26 +109,26 @@ def no_change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
 # --- odometry, and the measuring wheels with it -----------------------------------------------------------------------
 
 
-def with_samples(drive: Drive, name: str, told: Told) -> Drive:
+def with_samples(drive: Drive, name: str, edit: Edit) -> Drive:
     """A drive in which the samples of a sensor (`odometry`, `wheels`), all in one log, tell otherwise."""
     logs: list[Samples | None] = [getattr(frame, name) for frame in drive.frames]
     known = [log for log in logs if log is not None]
     if not known:
         return drive
-    values = told(1e-9 * np.concatenate([log.stamp_ns for log in known]), np.concatenate([log.values for log in known]))
+    values = edit(1e-9 * np.concatenate([log.stamp_ns for log in known]), np.concatenate([log.values for log in known]))
     parts = iter(np.split(values, np.cumsum([len(log) for log in known])[:-1]))
     changes: list[dict[str, Any]] = [{} if log is None else {name: Samples(log.stamp_ns, next(parts))} for log in logs]
     return replace(drive, frames=[replace(f, **change) for f, change in zip(drive.frames, changes, strict=True)])
 
 
-def with_steps(drive: Drive, told: Told) -> Drive:
+def with_steps(drive: Drive, edit: Edit) -> Drive:
     """A drive whose odometry goes by other steps up to each sample (N, 3), robot frame, the first of which is none."""
 
     def poses_of(times_s: FloatArray, poses: FloatArray) -> FloatArray:
         poses = np.column_stack((poses[:, :2], np.unwrap(poses[:, 2])))
         steps = np.diff(poses, axis=0, prepend=poses[:1])
         steps[1:, :2] = _turned(steps[1:, :2], -poses[:-1, 2])
-        moved = told(times_s, steps)
+        moved = edit(times_s, steps)
         moved[:, 2] = poses[0, 2] + np.cumsum(moved[:, 2])
         moved[1:, :2] = _turned(moved[1:, :2], moved[:-1, 2])
         moved[:, :2] = poses[0, :2] + np.cumsum(moved[:, :2], axis=0)
@@ -137,11 +137,11 @@ def with_steps(drive: Drive, told: Told) -> Drive:
     return with_samples(drive, "odometry", poses_of)
 
 
-def with_rolling(drive: Drive, told: Told) -> Drive:
+def with_rolling(drive: Drive, edit: Edit) -> Drive:
     """A drive whose measuring wheels roll otherwise up to each sample (N, 2), the first of which is none."""
 
     def sums_of(times_s: FloatArray, sums: FloatArray) -> FloatArray:
-        return np.asarray(sums[0] + np.cumsum(told(times_s, np.diff(sums, axis=0, prepend=sums[:1])), axis=0))
+        return np.asarray(sums[0] + np.cumsum(edit(times_s, np.diff(sums, axis=0, prepend=sums[:1])), axis=0))
 
     return with_samples(drive, "wheels", sums_of)
 

@@ -7,7 +7,7 @@ import time
 from typing import Protocol
 
 from touchline.errors import TouchlineError
-from touchline.live.heard import Heard, Link, Sight, Told
+from touchline.live.heard import Heard, Link, Published, Sight
 from touchline.types import ImageArray
 
 _WAIT_S = 0.002  # for the link, so that an image does not wait for it
@@ -58,9 +58,9 @@ class WithCamera:
             image, self._newest = self._newest, None
         return found if image is None else [*found, image]
 
-    def tell(self, told: Told) -> None:
+    def publish(self, published: Published) -> None:
         """As the link does."""
-        self._link.tell(told)
+        self._link.publish(published)
 
     @property
     def refused(self) -> dict[str, int]:

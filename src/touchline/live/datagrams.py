@@ -34,7 +34,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
-from touchline.live.heard import SENSORS, Heard, Reading, Sight, Start, Told
+from touchline.live.heard import SENSORS, Heard, Published, Reading, Sight, Start
 from touchline.sources.observations import HEADER, observation_of, observation_rows
 from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, Observation, points_at
 
@@ -132,9 +132,9 @@ def reading_datagram(reading: Reading) -> bytes:
     return _line({"kind": reading.sensor, "stamp_ns": reading.stamp_ns, "values": list(reading.values)})
 
 
-def told_datagram(told: Told) -> bytes:
+def published_datagram(published: Published) -> bytes:
     """The datagram of an estimate."""
-    e = told.estimate
+    e = published.estimate
     covariance = np.asarray(e.covariance).ravel()
     tree = e.to_dict()
     return _line(
@@ -142,11 +142,11 @@ def told_datagram(told: Told) -> bytes:
             "kind": "pose",
             **dict(zip(("x", "y", "theta"), e.pose, strict=True)),
             "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,
-            "image": told.image,
-            "map_from_odom": None if told.map_from_odom is None else list(told.map_from_odom),
+            "image": published.image,
+            "map_from_odom": None if published.map_from_odom is None else list(published.map_from_odom),
             "mode": tree["mode"] or "",
-            "dropped": told.dropped,
-            "after_s": round(told.after_s, 6),
+            "dropped": published.dropped,
+            "after_s": round(published.after_s, 6),
             **{name: tree[name] for name in _AS_ESTIMATED},
         }
     )

@@ -57,12 +57,12 @@ def sample(kind: str, cdr: bytes) -> Any:
 def _struct(kind: str) -> Any:
     from touchline.sources.bags.with_rosbags import field_kinds
 
-    fields = {name: _field(told) for name, told in field_kinds(kind)}
+    fields = {name: _field(described) for name, described in field_kinds(kind)}
     return make_idl_struct(kind.rpartition("/")[2] + "_", dds_name(kind).replace("::", "."), fields)
 
 
-def _field(told: Any) -> Any:
-    node, value = told
+def _field(described: Any) -> Any:
+    node, value = described
     if node == Nodetype.BASE:
         return _BASE[value[0]]
     if node == Nodetype.NAME:

@@ -47,8 +47,8 @@ Heard: TypeAlias = Reading | Sight | Start | Evidence
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Told:
-    """What the robot is told: an image's estimate, or one carried on to a sample of the odometry.
+class Published:
+    """What goes out to the robot: an image's estimate, or one carried on to a sample of the odometry.
 
     map_from_odom: the odometry frame in the field's, None where it is not known. image: whether it comes
     from an image. dropped: images so far that came while the program was busy. after_s: from the image's arrival on.
@@ -67,7 +67,7 @@ class Link(Protocol):
     def hear(self, timeout_s: float) -> list[Heard]:
         """What has come, after waiting for it as long as that. What is no message is left out and counted."""
 
-    def tell(self, told: Told) -> None:
+    def publish(self, published: Published) -> None:
         """Send an estimate. Nobody has to listen."""
 
     @property

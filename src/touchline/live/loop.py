@@ -20,7 +20,7 @@ import cv2
 from touchline.errors import InputError
 from touchline.files.images import decode
 from touchline.geometry import Pose, wrap_angle
-from touchline.live.heard import Heard, Link, Reading, Sight, Start, Told
+from touchline.live.heard import Heard, Link, Published, Reading, Sight, Start
 from touchline.localizer import Localizer
 from touchline.types import Estimate, Evidence, ImageArray
 
@@ -34,9 +34,11 @@ _MAX_AGE_NS, _APART_NS = 1_000_000_000, 400_000_000  # of the newest sample; bet
 class LiveLoop:
     """Between a link and a localizer. `run` returns when `stop` says so."""
 
-    def __init__(self, link: Link, localizer: Localizer, on_told: Callable[[Told], None] = lambda told: None) -> None:
-        """on_told: called with every estimate of an image, by the thread that localises."""
-        self._link, self._localizer, self._on_told = link, localizer, on_told
+    def __init__(
+        self, link: Link, localizer: Localizer, on_published: Callable[[Published], None] = lambda published: None
+    ) -> None:
+        """on_published: called with every estimate of an image, by the thread that localises."""
+        self._link, self._localizer, self._on_published = link, localizer, on_published
         self._adds: dict[str, Callable[..., None]] = {
             "odometry": localizer.add_odometry,
             "wheels": localizer.add_wheels,
@@ -52,7 +54,7 @@ class LiveLoop:
         self._ended = False
         self._failure: Exception | None = None
         self._odometry: deque[tuple[int, Pose]] = deque(maxlen=_MAX_ODOMETRY)
-        self.counts = Counter(images=0, dropped=0, readings=0, told=0)
+        self.counts = Counter(images=0, dropped=0, readings=0, published=0)
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Until `stop` says so, which is asked several times a second. Raises what ended the thread that localises."""
@@ -110,8 +112,8 @@ class LiveLoop:
         place = Pose(*reading.values)
         self._odometry.append((reading.stamp_ns, place))
         estimate = self._localizer.pose(reading.stamp_ns)
-        if self.counts["told"]:
-            self._tell(Told(estimate, estimate.pose.compose(place.inverse()), dropped=self.counts["dropped"]))
+        if self.counts["published"]:
+            self._publish(Published(estimate, estimate.pose.compose(place.inverse()), dropped=self.counts["dropped"]))
 
     def _work(self) -> None:
         """The worker's thread: what ends it is raised by `run`."""
@@ -136,14 +138,16 @@ class LiveLoop:
             )
             now_s = time.monotonic()
             self._steps_s.append(now_s - begun_s)
-            told = Told(estimate, self._map_from_odom(estimate), True, self.counts["dropped"], now_s - sight.arrived_s)
-            self.counts["told"] += 1
-            self._tell(told)
-            self._on_told(told)
+            published = Published(
+                estimate, self._map_from_odom(estimate), True, self.counts["dropped"], now_s - sight.arrived_s
+            )
+            self.counts["published"] += 1
+            self._publish(published)
+            self._on_published(published)
 
-    def _tell(self, told: Told) -> None:
+    def _publish(self, published: Published) -> None:
         with self._telling:
-            self._link.tell(told)
+            self._link.publish(published)
 
     def _map_from_odom(self, estimate: Estimate) -> Pose | None:
         """Where the odometry frame lies; None where no sample of it is near.
@@ -172,7 +176,7 @@ def _between(samples: Sequence[tuple[int, Pose]], stamp_ns: int) -> Pose | None:
 
 
 def _pixels(sight: Sight) -> ImageArray | None:
-    """An image's pixels; what is no image goes on as such, so that it is counted and told."""
+    """An image's pixels; what is no image goes on as such, so that it is counted and reported."""
     if sight.image is None or not isinstance(sight.image, bytes):
         return sight.image
     pixels = decode(sight.image, cv2.IMREAD_COLOR)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from touchline.camera import Camera
 from touchline.errors import InputError
-from touchline.live.heard import Heard, Told
+from touchline.live.heard import Heard, Published
 from touchline.live.ros import RosReader
 from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, Outgoing
 from touchline.live.ros_writer import RosWriter
@@ -69,9 +69,9 @@ class RosEnd(ABC):
                 return found
             time.sleep(self.pause_s)
 
-    def tell(self, told: Told) -> None:
+    def publish(self, published: Published) -> None:
         """Publish an estimate."""
-        for out in self._writer.told(told):
+        for out in self._writer.published(published):
             self._write(out)
 
     @abstractmethod

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from touchline.live.datagrams import reading_datagram, seen_datagram
-from touchline.live.heard import Picture, Reading, Told
+from touchline.live.heard import Picture, Published, Reading
 from touchline.live.ros_topics import (
     BOOSTER_POSE,
     BOOSTER_POSE_TYPE,
@@ -56,18 +56,18 @@ class RosWriter:
         self._booster = BOOSTER_POSE + name
         return self._booster
 
-    def told(self, told: Told) -> Iterator[Outgoing]:
+    def published(self, published: Published) -> Iterator[Outgoing]:
         """An estimate: pose and transform; of an image the diagnostics, too."""
-        e = told.estimate
+        e = published.estimate
         stamp_ns = max(e.stamp_ns, 0)
         yield Outgoing(self._namespace + POSE, POSE_TYPE, self._make.estimated(stamp_ns, e))
         if e.status is Status.TRACKING:
             if self._booster is not None:
                 flat = dict(zip(("x", "y", "theta"), map(float, e.pose), strict=True))
                 yield Outgoing(self._booster, BOOSTER_POSE_TYPE, self._codec.make(BOOSTER_POSE_TYPE, **flat))
-            yield Outgoing("/tf", TF_TYPE, self._make.map_from(stamp_ns, e, told.map_from_odom))
-        if told.image:
-            more = {"dropped images": told.dropped, "after_s": round(told.after_s, 4)}
+            yield Outgoing("/tf", TF_TYPE, self._make.map_from(stamp_ns, e, published.map_from_odom))
+        if published.image:
+            more = {"dropped images": published.dropped, "after_s": round(published.after_s, 4)}
             yield Outgoing(DIAGNOSTICS, DIAGNOSTICS_TYPE, self._make.diagnostics(stamp_ns, e, more))
 
     def played(self, event: Reading | Picture) -> Iterator[Outgoing]:

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 from touchline.errors import InputError
-from touchline.live.datagrams import Datagrams, image_datagrams, reading_datagram, seen_datagram, told_datagram
-from touchline.live.heard import Heard, Picture, Reading, Told
+from touchline.live.datagrams import Datagrams, image_datagrams, published_datagram, reading_datagram, seen_datagram
+from touchline.live.heard import Heard, Picture, Published, Reading
 
 LOOPBACK, PORT, ANSWERS_PORT = "127.0.0.1", 28400, 28401
 _MAX_DATAGRAM = 65_536
@@ -43,10 +43,10 @@ class UdpLink:
                 found.append(heard)
         return found
 
-    def tell(self, told: Told) -> None:
+    def publish(self, published: Published) -> None:
         """Send an estimate; nobody listening, or a network that is away, does no harm."""
         try:
-            self._out.sendto(told_datagram(told), self._there)
+            self._out.sendto(published_datagram(published), self._there)
         except OSError:
             self.unheard += 1
 

@@ -16,6 +16,7 @@ from touchline.evaluation.metrics import associate
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tuning.space import Value
 from touchline.geometry import FloatArray, wrap_angles
+from touchline.motion import FrameOrder
 from touchline.perception.covered import is_covered
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -112,7 +113,7 @@ def score_of(task: Task) -> Score | None:
         return None
     frames, truth, setup = _seen(task)
     system = OrderedSystem(open_system(task.system, setup, chosen, np.random.default_rng(task.seed)))
-    return _scored(frames, truth, system)
+    return scored(frames, truth, system)
 
 
 def _written(value: Value) -> str:
@@ -145,13 +146,16 @@ def _simulated(scenario: str, seed: int, seconds: float | None) -> tuple[Sequenc
     return list(made), made.truth, RobotSetup(made.field, made.camera, made.wheel_directions_rad)
 
 
-def _scored(frames: Iterable[Frame], truth: Truth, system: OrderedSystem) -> Score:
+def scored(frames: Iterable[Frame], truth: Truth, system: OrderedSystem) -> Score:
+    """What the estimates of frames cost; black images and those that come late do not count."""
     stamps: list[int] = []
     poses: list[FloatArray] = []
     tracked: list[bool] = []
     for frame in frames:
         estimate = system.step(frame)
-        if (stamps and estimate.stamp_ns <= stamps[-1]) or (frame.image is not None and is_covered(frame.image)):
+        dropped = system.order in (FrameOrder.LATE, FrameOrder.UNCONFIRMED)
+        black = frame.image is not None and is_covered(frame.image)
+        if dropped or black or (stamps and estimate.stamp_ns <= stamps[-1]):
             continue
         stamps.append(estimate.stamp_ns)
         poses.append(np.array(estimate.pose))

@@ -19,11 +19,11 @@ from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
+from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
 from touchline.localization.registration.feature_model import best_place
 from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.localization.registration.registration import TRACKING
 from touchline.localization.registration.seen import seen_of
-from touchline.localization.search.feature_search import ANYWHERE
 from touchline.localization.search.field_search import FieldSearch, Searched
 from touchline.localization.search.pose_search import Known
 from touchline.types import Observation
@@ -64,7 +64,7 @@ class JointSearch:
         variances = np.diag(self.errors.prior).copy()
         variances[:2] += self.errors.lean.first**2
         self._deviations = np.sqrt(np.maximum(variances, EXACT2))
-        information = np.diag(np.concatenate((ANYWHERE, self._deviations)) ** -2.0)
+        information = np.diag(np.concatenate((np.diag(ANYWHERE_INFORMATION), self._deviations**-2.0)))
         self._prior = StatePrior(np.zeros(len(information)), information)
 
     def fits(self, starts: Sequence[Pose], known: Known | None = None) -> list[JointFit]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from touchline.geometry import FloatArray, as_pose, wrap_angles
 from touchline.localization.camera_errors.base import Response
+from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.registration import TRACKING, Registration
@@ -20,7 +21,6 @@ STARTS = 24  # proposed poses that are registered
 START_M, START_RAD = 0.3, 0.2  # proposals nearer than this are one
 SAME_M, SAME_RAD = 0.3, 0.15  # and poses
 UNLIKELY = 12.0  # logarithm of odds against the best from which a pose is dropped
-ANYWHERE = np.array([10.0, 10.0, 3.0])  # standard deviations of a pose that is not known (m, m, rad)
 
 
 class FeatureSearch:
@@ -41,7 +41,7 @@ class FeatureSearch:
         proposed = self.proposals.of(view)
         information = expected.information.copy()
         information[:3], information[:, :3] = 0.0, 0.0
-        information[:3, :3] = np.diag(ANYWHERE**-2.0)
+        information[:3, :3] = ANYWHERE_INFORMATION
         found: list[Mode] = []
         order = np.argsort(-proposed.log_likelihoods, kind="stable")
         for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD):
