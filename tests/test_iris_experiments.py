@@ -12,7 +12,8 @@ import pytest
 from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
 from touchline.experiments.drives import Drive, Track, drive_of
 from touchline.experiments.harness import write_result
-from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, covered, drifting, drive, open_iris, slipped
+from touchline.experiments.injections import covered, gyro_drifting, slipped
+from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, drive, open_iris
 from touchline.field import open_field
 from touchline.geometry import Pose, wrap_angles
 from touchline.perception import HsvLineDetector, observe
@@ -173,15 +174,18 @@ def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
 def test_a_slip_turns_the_wheels_by_30_cm_and_a_drift_adds_a_degree_per_second() -> None:
     stamps = (np.arange(50) * 20_000_000).astype(np.int64)
     zeros = Samples(stamps, np.zeros((50, 2)))
-    rolled = slipped(0.3, 0.3, 0.0, (math.pi / 4, -math.pi / 4))(Frame(0, wheels=zeros)).wheels
+    setup = RobotSetup(open_field("indoor-9x6"), wheel_directions_rad=(math.pi / 4, -math.pi / 4))
+    frames = [Frame(0, wheels=zeros, gyro=Samples(stamps, np.zeros((50, 3)))), Frame(2_000_000_000)]
+    still = Drive(setup, frames, np.zeros((2, 3)))
+    rolled = slipped(still, 0.3, 0.3, 0.0).frames[0].wheels
     assert rolled is not None
     assert rolled.values[:15] == pytest.approx(0.0)
     assert rolled.values[-1] == pytest.approx([0.3 / math.sqrt(2)] * 2)
-    turned = drifting(0.5, math.radians(1.0))(Frame(0, gyro=Samples(stamps, np.zeros((50, 3))))).gyro
+    turned = gyro_drifting(still, 0.5, math.radians(1.0)).frames[0].gyro
     assert turned is not None
     assert turned.values[:25].max() == 0.0
     assert np.degrees(turned.values[25:, 2]) == pytest.approx(1.0)
-    assert covered(0.0, 1.0)(Frame(2_000_000_000)).observation is None
+    assert [frame.observation is None for frame in covered(still, 0.0, 1.0).frames] == [False, True]
 
 
 def test_what_an_outcome_says_comes_from_the_truth() -> None:

@@ -24,6 +24,7 @@ from touchline.simulation.observation.features import turned
 from touchline.systems.ordered import with_samples_of
 from touchline.types import Frame, Observation, Prior, Samples
 
+SLIP_S = 0.15
 FALL_S = 5.0  # on the ground and getting up: nothing is seen
 FALLEN_M, FALLEN_RAD = 0.4, math.radians(40.0)  # by which it lies elsewhere, unfelt
 LYING_RAD = 1.2  # pitch of a robot that lies on its face
@@ -110,7 +111,7 @@ def no_change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
 
 
 def with_samples(drive: Drive, name: str, edit: Edit) -> Drive:
-    """A drive in which the samples of a sensor (`odometry`, `wheels`), all in one log, tell otherwise."""
+    """A drive in which the samples of a sensor (`odometry`, `wheels`, `gyro`), all in one log, tell otherwise."""
     logs: list[Samples | None] = [getattr(frame, name) for frame in drive.frames]
     known = [log for log in logs if log is not None]
     if not known:
@@ -172,6 +173,21 @@ def odometry(factors: tuple[float, float, float], rates: tuple[float, float, flo
         return with_rolling(with_steps(drive, partial(told, factors, rates)), partial(told, factors[0], rates[0]))
 
     return change
+
+
+def slipped(drive: Drive, start_s: float, metres: float, direction_rad: float) -> Drive:
+    """Within SLIP_S the measuring wheels roll some way in a direction of the robot frame that the robot doesn't go."""
+    rolled = metres * np.cos(np.array(drive.setup.wheel_directions_rad) - direction_rad)
+    return with_samples(
+        drive, "wheels", lambda at_s, sums: sums + np.outer(np.clip((at_s - start_s) / SLIP_S, 0.0, 1.0), rolled)
+    )
+
+
+def gyro_drifting(drive: Drive, start_s: float, rate_rad_s: float) -> Drive:
+    """From some time on the gyro shows so much more than the true rate."""
+    return with_samples(
+        drive, "gyro", lambda at_s, rates: rates + np.outer(np.where(at_s >= start_s, rate_rad_s, 0.0), (0.0, 0.0, 1.0))
+    )
 
 
 def drifting(drive: Drive, rate_rad_s: float) -> Drive:
@@ -283,8 +299,19 @@ def every(count: int) -> Change:
 
 
 def unseen(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
-    """A covered camera: nothing is seen."""
-    return framed(drive, wrong, lambda _, frame: replace(frame, observation=Observation(frame.stamp_ns)))
+    """A covered camera: nothing is seen, and images are black."""
+
+    def blind(_: int, frame: Frame) -> Frame:
+        if frame.image is not None:
+            return replace(frame, image=np.zeros_like(frame.image))
+        return replace(frame, observation=Observation(frame.stamp_ns))
+
+    return framed(drive, wrong, blind)
+
+
+def covered(drive: Drive, start_s: float, seconds: float) -> Drive:
+    """`unseen` for some time."""
+    return Fault("", start_s, start_s + seconds, unseen).laid_into(drive, np.random.default_rng(0))
 
 
 def elsewhere(nearest_m: float, farthest_m: float, lifted: bool = False) -> Change:

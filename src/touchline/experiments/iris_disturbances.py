@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
@@ -13,18 +14,8 @@ from matplotlib.figure import Figure
 
 from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
-from touchline.experiments.iris_runs import (
-    FORMS,
-    FUSION,
-    IDEAL,
-    ODOMETRY,
-    IrisDrive,
-    covered,
-    drifting,
-    drive,
-    iris_drive,
-    slipped,
-)
+from touchline.experiments.injections import SLIP_S, covered, gyro_drifting, slipped
+from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, drive, iris_drive
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.simulation.scenario import open_scenario
 
@@ -81,18 +72,15 @@ def disturbed_drive(kind: str, case: Case, paper: bool = False) -> Outcome:
 
     kind: one of KINDS. paper: by the paper's own form. Raises KeyError for another kind.
     """
-    taken = _taken(case)
-    wheels_rad = taken.setup.wheel_directions_rad
-    assert wheels_rad is not None
     direction = float(np.random.default_rng([case.seed, 5]).uniform(-math.pi, math.pi))
-    disturb, lasts_s = {
-        "nothing": (covered(START_S, 0.0), 0.0),
-        "covered": (covered(START_S, COVERED_S), COVERED_S),
-        "slip": (slipped(START_S, SLIP_M, direction, wheels_rad), 0.15),
-        "drift": (drifting(START_S, DRIFT_RAD_S), 0.0),
-    }[kind]
-    driven = drive(replace(taken, frames=[*map(disturb, taken.frames)]), case.seed, paper)
-    return outcome_of(driven, START_S + lasts_s)
+    kinds: dict[str, tuple[Callable[[Drive], Drive], float]] = {
+        "nothing": (lambda taken: taken, 0.0),
+        "covered": (lambda taken: covered(taken, START_S, COVERED_S), COVERED_S),
+        "slip": (lambda taken: slipped(taken, START_S, SLIP_M, direction), SLIP_S),
+        "drift": (lambda taken: gyro_drifting(taken, START_S, DRIFT_RAD_S), 0.0),
+    }
+    disturb, lasts_s = kinds[kind]
+    return outcome_of(drive(disturb(_taken(case)), case.seed, paper), START_S + lasts_s)
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""What the experiments of iris-fusion share: one drive by odometry, particles and fusion, its disturbances, its eyes.
+"""What the experiments of iris-fusion share: one drive by odometry, particles and fusion, its eyes.
 
 These are rays every 2.5 degrees, masks of HSV and HSL, and ranges by a regression of the robot's own (Ismail et al.
 2021, section II.B, figures 6, 7 and 14).
@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -34,14 +33,12 @@ from touchline.simulation.scenario import Scenario
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
-from touchline.types import Estimate, Frame, Mode, Observation, Samples, Status, empty_points
+from touchline.types import Estimate, Mode, Status, empty_points
 
 IDEAL = ("ideal=true",)
 SYSTEMS = ODOMETRY, PARTICLES, FUSION = "odometry", "particle filter", "sensor fusion"
 FORMS = ("as built", "its form here", "ideal")
 IMAGE_ROBOTS = 1  # robots whose images are rendered, which takes a hundred times as long as their points
-
-Disturb = Callable[[Frame], Frame]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -161,45 +158,6 @@ def missed_note(*runs: Mapping[str, Sequence[IrisDrive]]) -> tuple[str, ...]:
     drives = [driven for some in runs for each in some.values() for driven in each]
     missed = sum(not driven.found for driven in drives)
     return (f"The robot was not found in {missed} of {len(drives)} drives; they are left out.",) if missed else ()
-
-
-def covered(start_s: float, seconds: float) -> Disturb:
-    """The camera shows nothing for some time."""
-
-    def disturb(frame: Frame) -> Frame:
-        if not start_s <= frame.stamp_ns / 1e9 < start_s + seconds:
-            return frame
-        image = None if frame.image is None else np.zeros_like(frame.image)
-        seen = None if frame.observation is None else Observation(frame.stamp_ns)
-        return replace(frame, image=image, observation=seen)
-
-    return disturb
-
-
-def _changed(name: str, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Disturb:
-    """A frame whose samples of that name are changed: change(times in s, values)."""
-
-    def disturb(frame: Frame) -> Frame:
-        samples: Samples | None = getattr(frame, name)
-        if samples is None:
-            return frame
-        changed: dict[str, Any] = {name: Samples(samples.stamp_ns, change(samples.stamp_ns / 1e9, samples.values))}
-        return replace(frame, **changed)
-
-    return disturb
-
-
-def slipped(start_s: float, metres: float, direction_rad: float, wheels_rad: tuple[float, float]) -> Disturb:
-    """Within 0.15 s the measuring wheels roll some way in a direction of the robot frame that the robot doesn't go."""
-    rolled = metres * np.cos(np.array(wheels_rad) - direction_rad)
-    return _changed("wheels", lambda at_s, sums: sums + np.outer(np.clip((at_s - start_s) / 0.15, 0.0, 1.0), rolled))
-
-
-def drifting(start_s: float, rad_s: float) -> Disturb:
-    """From some time on the gyro shows so much more than the true rate."""
-    return _changed(
-        "gyro", lambda at_s, rates: rates + np.outer(np.where(at_s >= start_s, rad_s, 0.0), (0.0, 0.0, 1.0))
-    )
 
 
 DIRECTIONS = 24

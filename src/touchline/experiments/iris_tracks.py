@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,6 +14,7 @@ from touchline import palette
 from touchline.experiments import iris_runs as iris
 from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
+from touchline.experiments.injections import covered
 from touchline.experiments.iris_points import all_tours
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, way
 from touchline.simulation.scenario import open_scenario
@@ -99,15 +99,14 @@ def from_a_to_b(seed: int, level: str = "images", changes: tuple[str, ...] = (),
     return iris.drive(_taken(seed, level, changes), seed, paper)
 
 
-@lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=1)
 def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
     """The drive, kept for the other form."""
     scenario = open_scenario(SCENARIO, seed, SECONDS, changes)
     waypoints = {"kind": "waypoints", "waypoints": FROM_A_TO_B, "dwell_s": 1.0, "speed_m_s": 1.2}
     motion = type(scenario.motion).model_validate(waypoints)
     taken = iris.iris_drive(scenario.model_copy(update={"motion": motion}), level, seed)
-    first, second = (iris.covered(*hidden) for hidden in HIDDEN_S)
-    return replace(taken, frames=[second(first(frame)) for frame in taken.frames])
+    return functools.reduce(lambda drive, hidden: covered(drive, *hidden), HIDDEN_S, taken)
 
 
 def iris_track(seeds: int) -> ExperimentResult:
