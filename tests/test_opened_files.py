@@ -205,13 +205,16 @@ def test_the_size_is_read_from_the_header_of_every_format(tmp_path: Path, ending
 
 def test_headers_of_other_writers_are_read_as_well() -> None:
     assert image_size(b"P5\n# a remark\n640 # another\n 480\n255\n" + bytes(640 * 480)) == (640, 480)
-    assert image_size(b"BM" + bytes(12) + struct.pack("<Iii", 40, 640, -480)) == (640, 480)
-    assert image_size(b"BM" + bytes(12) + struct.pack("<IHH", 12, 640, 480)) == (640, 480)
-    rows = struct.pack(">HHHI", 2, 0x0100, 4, 1) + struct.pack(">I", 640) + struct.pack(">HHIHH", 0x0101, 3, 1, 480, 0)
-    assert image_size(b"MM\0*" + struct.pack(">I", 8) + rows) == (640, 480)
+    top_down = struct.pack("<IiiHHIIiiII", 40, 640, -480, 1, 24, 0, 0, 0, 0, 0, 0)
+    assert image_size(b"BM" + bytes(8) + struct.pack("<I", 54) + top_down) == (640, 480)
+    assert image_size(b"BM" + bytes(8) + struct.pack("<IIHHHH", 26, 12, 640, 480, 1, 24)) == (640, 480)
+    rows = ((0x0100, 4, 640), (0x0101, 3, 480 << 16), (0x0102, 3, 8 << 16), (0x0103, 3, 1 << 16), (0x0106, 3, 1 << 16))
+    for more, size in ((((273, 4, 8),), (640, 480)), (((322, 4, 9000), (323, 4, 16), (324, 4, 8)), (9000, 480))):
+        tags = b"".join(struct.pack(">HHII", tag, kind, 1, value) for tag, kind, value in rows + more)
+        assert image_size(b"MM\0*" + struct.pack(">IH", 8, len(rows + more)) + tags + bytes(4)) == size
     thumbnail = b"\xff\xe1" + struct.pack(">H", 13) + b"\xff\xc0\0\x0b\x08\0\x09\0\x09\0\0"
-    frame = b"\xff\xff\xc2" + struct.pack(">HBHHB", 11, 8, 480, 640, 1)
-    assert image_size(b"\xff\xd8" + thumbnail + frame) == (640, 480)
+    jpeg = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
+    assert image_size(jpeg[:2] + thumbnail + b"\xff" + jpeg[2:]) == (640, 480)
 
 
 def test_images_that_claim_to_be_huge_are_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
