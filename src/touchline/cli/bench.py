@@ -12,6 +12,7 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
+from touchline.cli import bench_suite
 from touchline.cli.console import announce_compiling, errors_console, output, plain_table, say, steps_shown
 from touchline.cli.workers import DaskAddress, WorkerCount
 from touchline.errors import InputError
@@ -29,15 +30,17 @@ class _BenchGroup(TyperGroup):
     """A first word that is no subcommand is a recording, for the hidden command `recordings`."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        return super().resolve_command(ctx, args if args[0] in ("points", "recordings") else ["recordings", *args])
+        return super().resolve_command(ctx, args if args[0] in self.commands else ["recordings", *args])
 
 
 bench_app = typer.Typer(
     cls=_BenchGroup,
-    subcommand_metavar="points FILE.npz | RECORDING...",
+    subcommand_metavar="suite|export|score SUITE | points FILE.npz | RECORDING...",
     no_args_is_help=True,
-    help="How exact, how sure and how fast: a system on a point set, or on recordings that hold the truth.",
+    help="How exact, how sure and how fast: a system on a suite, a point set, or recordings that hold the truth.",
 )
+for command in (bench_suite.suite, bench_suite.export, bench_suite.score):
+    bench_app.command(command.__name__)(command)
 
 
 @bench_app.command("points")
