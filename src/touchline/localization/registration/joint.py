@@ -101,13 +101,13 @@ class _Errors(NamedTuple):
     of_features: FloatArray
 
 
-# what is counted at a width of zero
+# what is counted at the state that is come to
 _EXPLAINED, _OF, _SQUARES, _KEPT, _DISTANCE, _LOG_LIKELIHOOD = range(6)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
 def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type: ignore[no-untyped-def]
-    """Rows of the line points; counts (6,), those at a width of zero alone. camera: `_Errors` and its response."""
+    """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: `_Errors` and its response."""
     errors, response = camera
     points, c, width2 = seen.positions_m, seen.covariances_m2, width_m * width_m
     distance_row, weight_row = rows.shape[0] - 3, rows.shape[0] - 2
@@ -132,7 +132,7 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         kept = reach / (reach + d2)
         kept *= kept
         rows[distance_row, i], rows[weight_row, i] = distance, seen.shares[i] * kept / (seen.noise * variance)
-        if width_m > 0.0:  # on the way there nobody asks how likely it is
+        if len(counts) == 0:  # on the way there nobody asks how likely it is
             continue
         z2, share = d2 / variance, seen.shares[i]
         counts[_EXPLAINED] += share * (z2 < _EXPLAINED2)
@@ -174,7 +174,7 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
             rows[2, row] = ry * bx - rx * by
             fill_rows(rows, row, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_features, response)
             rows[distance_row, row], rows[weight_row, row] = rx * off_x + ry * off_y, weight
-        if width_m > 0.0:
+        if len(counts) == 0:
             continue
         right = points.trust[i] * likely / (likely + points.floors[i])
         counts[_EXPLAINED] += right
@@ -217,10 +217,9 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
     for k in range(plan.widths_m.shape[0] + 1):
         last = k == plan.widths_m.shape[0]
         width_m = 0.0 if last else plan.widths_m[k]
-        if last:
-            counts[:] = 0.0
-        _add_points(seen, ground.lines, state, camera, plan, width_m, sums.rows, counts)
-        _add_features(seen, ground.places, state, camera, width_m, sums.rows, counts)
+        counted = counts if last else counts[:0]
+        _add_points(seen, ground.lines, state, camera, plan, width_m, sums.rows, counted)
+        _add_features(seen, ground.places, state, camera, width_m, sums.rows, counted)
         _add_up(sums)
         if last:
             break

@@ -90,8 +90,10 @@ def _thinned(points, covariances, weights):  # type: ignore[no-untyped-def]
             row = n if of_cell[k] < 0 else of_cell[k]
             of_cell[k] = row
         n += row == n
-        positions[row] += share * points[i]
-        spreads[row] += share * covariances[i]
+        for a in range(2):  # by hand: arrays of two would be made anew for every point
+            positions[row, a] += share * points[i, a]
+            for b in range(2):
+                spreads[row, a, b] += share * covariances[i, a, b]
         counted[row] += share * most * weights[i]
     for k in range(cells.shape[0]):
         if of_cell[k] >= 0:  # of a line that lies on the edge of two cells, the narrow piece counts less
@@ -104,20 +106,24 @@ def _thinned(points, covariances, weights):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _strip(near, half_m):  # type: ignore[no-untyped-def]
-    """How many of offsets (K, 2) lie on the fullest strip of half a width, its length (m), its direction's row."""
-    best, length, direction = 0, 0.0, 0
+def _strip(xs, ys, half_m):  # type: ignore[no-untyped-def]
+    """How many of offsets (K,) lie on the fullest strip of half a width, its length (m), its direction's row."""
+    best, direction = 0, 0
     for a in range(DIRECTIONS):
         c, s = _COSINES[a], _SINES[a]
-        count, low, high = 0, 0.0, 0.0
-        for j in range(near.shape[0]):
-            if abs(near[j, 0] * s - near[j, 1] * c) < half_m:
-                along = near[j, 0] * c + near[j, 1] * s
-                low, high = min(low, along), max(high, along)
-                count += 1
+        count = 0
+        for j in range(len(xs)):
+            count += abs(xs[j] * s - ys[j] * c) < half_m
         if count > best:
-            best, length, direction = count, high - low, a
-    return best, length, direction
+            best, direction = count, a
+        if best == len(xs):  # no strip is fuller
+            break
+    c, s, low, high = _COSINES[direction], _SINES[direction], 0.0, 0.0
+    for j in range(len(xs)):
+        if abs(xs[j] * s - ys[j] * c) < half_m:
+            along = xs[j] * c + ys[j] * s
+            low, high = min(low, along), max(high, along)
+    return best, high - low, direction
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -144,7 +150,7 @@ def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
     n = points.shape[0]
     first, after = np.full(cells.shape[0], -1), np.empty(n, dtype=np.int64)
     density, ratios, radial = np.ones(n), np.full(n, -1.0), np.zeros(n, dtype=np.bool_)
-    near = np.empty((n, 2))
+    xs, ys = np.empty(n), np.empty(n)
     found, ends = np.empty(16 * n + 64, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
     for i in range(n):
         after[i] = first[slots[i]]
@@ -160,13 +166,13 @@ def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
         nearby, k = weights[i], ends[i + 1] - ends[i]
         for m in range(k):
             j = found[ends[i] + m]
-            near[m, 0], near[m, 1] = points[j, 0] - x, points[j, 1] - y
-            if near[m, 0] * near[m, 0] + near[m, 1] * near[m, 1] < NEAR_M * NEAR_M:
+            xs[m], ys[m] = points[j, 0] - x, points[j, 1] - y
+            if xs[m] * xs[m] + ys[m] * ys[m] < NEAR_M * NEAR_M:
                 nearby += weights[j]
         if nearby > NEARBY:
             density[i] = NEARBY / nearby
         if k >= MIN_NEIGHBOURS:
-            best, length, direction = _strip(near[:k], half_m)
+            best, length, direction = _strip(xs[:k], ys[:k], half_m)
             ratios[i] = best / k if length >= MIN_LENGTH_M else 0.0
             across = abs(_COSINES[direction] * y - _SINES[direction] * x)
             radial[i] = across < RADIAL_SINE * math.sqrt(x * x + y * y)
