@@ -165,7 +165,7 @@ class Touchline:
         self.end.reset(known=prior.pose is not None)
         self.judged.reset(tracking=start is not None)
         self.watch.reset()
-        self.safeguard.reset(confirmed=prior != Prior())
+        self.safeguard.reset(start, confirmed=prior != Prior())
         self.before_ns, self.problems = 0, tuple[str, ...]()
 
     def step(self, frame: Frame) -> Estimate:
@@ -361,7 +361,7 @@ class Touchline:
             pose, covariance = held.pose, held.covariance
         bound_m, bound_rad = None, None
         if status is Status.TRACKING:
-            bound_m, bound_rad = self.safeguard.integrity.protection(covariance) or (None, None)
+            bound_m, bound_rad = self.safeguard.integrity.protection(covariance, self.delay.corrected_s) or (None, None)
         return Estimate(
             observation.stamp_ns,
             pose,

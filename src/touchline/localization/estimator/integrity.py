@@ -17,6 +17,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
+from touchline.localization.estimator.constant_offsets import ConstantOffsets
 from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, ROTATION, STEP_S, Culprit, MotionRelation
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.kernels import Plan
@@ -82,6 +83,7 @@ class Integrity:
         self._field = field
         self.motion = VisualMotion(registration)
         self.relation = MotionRelation()
+        self.offsets = ConstantOffsets()
         self.reset()
 
     def reset(self, confirmed: bool = False) -> None:
@@ -89,6 +91,7 @@ class Integrity:
         self.confirmed, self._proved = confirmed, False
         self.motion.reset()
         self.relation.reset()
+        self.offsets.reset()
         self.verdict = ALL_WELL
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
@@ -114,7 +117,7 @@ class Integrity:
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
         late_m = abs(self.lag_s) * float(np.hypot(*self._velocity[:2]))
         explains = sum(newest) >= least * len(newest)
-        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M
+        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M and not self.offsets.doubt
 
     @property
     def is_settled(self) -> bool:
@@ -138,6 +141,8 @@ class Integrity:
             return self.verdict.reason
         if not self.confirmed:
             return UNCONFIRMED
+        if self.offsets.doubt:
+            return self.offsets.doubt
         jumped = self._since_jump < SHARE_MEMORY
         return "the pose has jumped" if jumped else "the pose explains too little of what is seen"
 
@@ -157,9 +162,9 @@ class Integrity:
             "repetition": self._repeated_s / REPEATED_S,
         }
 
-    def protection(self, covariance: FloatArray) -> tuple[float, float] | None:
+    def protection(self, covariance: FloatArray, late_s: float) -> tuple[float, float] | None:
         """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none can
-        be given. covariance (3, 3): of the pose.
+        be given. covariance (3, 3): of the pose; late_s: as how late images are corrected.
         """
         # by vision alone the motion's statistics tell of the odometry, which does not count
         beside = (CAMERA,) if self.verdict.odometry else (CAMERA, *self.relation.statistics)
@@ -170,9 +175,9 @@ class Integrity:
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-        x, y, turning = (self.lag_s * self._velocity).tolist()
-        position_m = wider * math.sqrt(major2) + PROTECTION_M + math.hypot(x, y)
-        return position_m, wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + abs(turning)
+        mean_m, deviation_m, turn = self.offsets.bound(late_s)
+        position_m = math.hypot(wider * math.sqrt(major2), deviation_m) + max(mean_m, PROTECTION_M)
+        return position_m, wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
 
     def excuse(self) -> None:
         """What explains everything is corrected: begin anew."""
@@ -195,6 +200,8 @@ class Integrity:
         if last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S:
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
             self.relation.update(sighting, history, late_s, jump.elsewhere)
+            if self.verdict.odometry:
+                self.offsets.update(sighting, history, bank.steps, late_s)
         self._confirm(jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)

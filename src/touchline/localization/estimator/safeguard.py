@@ -46,9 +46,11 @@ class Safeguard:
         self.integrity = Integrity(registration, field)
         self.reset()
 
-    def reset(self, confirmed: bool = False) -> None:
-        """All is well. confirmed: the pose was given."""
+    def reset(self, start: Filter | None = None, confirmed: bool = False) -> None:
+        """All is well. start: the pose that was given. confirmed: whether anything was."""
         self.integrity.reset(confirmed)
+        if start is not None:
+            self.integrity.offsets.reset(start.pose, start.covariance)
         self._kept: deque[Kept] = deque(maxlen=8)
         self.held: Filter | None = None
         self._held_since_ns = 0

@@ -1,0 +1,155 @@
+"""Constant errors that a pose hides: a camera that is turned or displaced on the robot, images that are stamped late.
+
+Each of them fits every image. Only the motion tells them from the pose: a turned camera sees the robot drive aside, a
+displaced one swing aside in turns, late images lag where the speed changes. A small filter follows the robot by its
+odometry, knows nothing of the field, and takes each pose by an image alone as the robot's but for these errors. What
+they are, and how large they could still be, widens the protection level. Where images jump, they may all have changed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.step_noise import StepNoise
+from touchline.localization.estimator.visual_motion import Sighting, difference
+from touchline.matrices import inverse, times
+from touchline.motion import MotionHistory
+
+TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
+AT_FIRST = np.array([0.08, 0.08, 0.08, 0.06])  # their standard deviations, as a robot is built
+DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
+UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
+VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
+SCALE = 0.03  # of the odometry
+JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may have changed
+CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
+MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
+MAX_GAP_S = 4.0  # between images, after which another pose is followed
+FAR = 1.0  # (m, rad) from where the robot was expected: it was found elsewhere
+MAX_TURN, MAX_LATE_M = 0.26, 0.5  # (rad, m) from which a pose is not tracked
+SIGMAS = 2.0  # of an error that is found beside its mean
+
+
+@njit(cache=True, error_model="numpy")
+def followed(state, joint, told, noise, drift2):  # type: ignore[no-untyped-def]
+    """Move (in place) by a step told (3,), with its covariance (3, 3), robot frame before it."""
+    cosine, sine = math.cos(state[2]), math.sin(state[2])
+    x, y = cosine * told[0] - sine * told[1], sine * told[0] + cosine * told[1]
+    state[0] += x
+    state[1] += y
+    state[2] += told[2]
+    move = np.eye(7)
+    move[0, 2], move[1, 2] = -y, x
+    joint[:, :] = times(times(move, joint), move.T)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    joint[:3, :3] += times(times(turn, noise), turn.T)
+    for k in range(4):
+        joint[3 + k, 3 + k] += drift2[k]
+
+
+@njit(cache=True, error_model="numpy")
+def corrected(state, joint, seen, covariance, velocity):  # type: ignore[no-untyped-def]
+    """Take (in place) a pose (3,) by an image and its covariance (3, 3), at a velocity (3,), robot frame."""
+    cosine, sine = math.cos(state[2]), math.sin(state[2])
+    vx, vy = cosine * velocity[0] - sine * velocity[1], sine * velocity[0] + cosine * velocity[1]
+    dx, dy = cosine * state[4] - sine * state[5], sine * state[4] + cosine * state[5]
+    by = np.zeros((3, 7))
+    by[0, 0] = by[1, 1] = by[2, 2] = by[2, 3] = 1.0
+    by[0, 2], by[0, 4], by[0, 5], by[0, 6] = -dy, cosine, -sine, -vx
+    by[1, 2], by[1, 4], by[1, 5], by[1, 6] = dx, sine, cosine, -vy
+    by[2, 6] = -velocity[2]
+    off = np.array([
+        seen[0] - state[0] - dx + state[6] * vx,
+        seen[1] - state[1] - dy + state[6] * vy,
+        seen[2] - state[2] - state[3] + state[6] * velocity[2],
+    ])  # fmt: skip
+    off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
+    crossed = times(joint, by.T)
+    weight = inverse(times(by, crossed) + covariance)
+    if (off * times(weight, off.reshape(3, 1))[:, 0]).sum() > JUMP:
+        way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
+        speed2 = velocity[0] ** 2 + velocity[1] ** 2
+        late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
+        aside2 = min(way2, MAX_ASIDE_M**2)
+        more = (way2, way2, turn2, CHANGED * turn2, CHANGED * aside2, CHANGED * aside2, CHANGED * late2)
+        for k in range(7):
+            joint[k, k] += more[k]
+        crossed = times(joint, by.T)
+        weight = inverse(times(by, crossed) + covariance)
+    gain = times(crossed, weight)
+    state += times(gain, off.reshape(3, 1))[:, 0]
+    joint -= times(gain, crossed.T)
+    joint[:, :] = 0.5 * (joint + joint.T)
+
+
+class ConstantOffsets:
+    """How far a pose may be off by errors that fit every image."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self, start: Pose | None = None, covariance: FloatArray = UNKNOWN) -> None:
+        """Nothing has been seen: the camera is as well known as one is at first. start: the pose that was given."""
+        self._stamp_ns: int | None = None
+        self._given = start is not None
+        self._velocity: FloatArray = np.zeros(3)
+        self._late_s = 0.0
+        self._begin(np.zeros(3) if start is None else start.as_array(), covariance)
+
+    def update(self, sighting: Sighting, history: MotionHistory, steps: StepNoise, late_s: float) -> None:
+        """Take a pose by an image alone. steps: noise of the odometry; late_s: as how late images are corrected."""
+        self._late_s = late_s
+        before_ns, self._stamp_ns = self._stamp_ns, sighting.stamp_ns
+        if not len(history.odometry.samples):
+            return
+        seconds = math.inf if before_ns is None else 1e-9 * (sighting.stamp_ns - before_ns)
+        if 0.0 < seconds < MAX_GAP_S:
+            assert before_ns is not None
+            motion = history.between(before_ns, sighting.stamp_ns)
+            told = motion.pose.as_array()
+            noise = steps.of(motion) + np.diag(np.square(SCALE * told))
+            self._velocity = told / seconds
+            followed(self._state, self._joint, told, noise, DRIFT**2 * seconds)
+        x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
+        known = self._given or seconds < MAX_GAP_S
+        if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
+            self._begin(sighting.pose, UNKNOWN)  # found elsewhere: that may be by any of the errors
+        self._given = False
+        corrected(self._state, self._joint, sighting.pose, sighting.covariance + VISION, self._velocity)
+
+    def _begin(self, pose: FloatArray, covariance: FloatArray) -> None:
+        self._state = np.concatenate((pose, np.zeros(4)))
+        self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
+        self._joint[:3, :3] = covariance
+
+    @property
+    def doubt(self) -> str:
+        """Why a pose may not be tracked; empty where it may."""
+        turn = self._turn_bound
+        late_s = abs(float(self._state[LATE]) - self._late_s) + SIGMAS * math.sqrt(max(self._joint[LATE, LATE], 0.0))
+        if turn > MAX_TURN:
+            return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
+        if late_s * math.hypot(self._velocity[0], self._velocity[1]) > MAX_LATE_M:
+            return f"images that are stamped {1e3 * late_s:.0f} ms late or early would explain the motion, too"
+        return ""
+
+    @property
+    def _turn_bound(self) -> float:
+        turn = abs(wrap_angle(float(self._state[TURNED])))
+        return turn + SIGMAS * math.sqrt(max(self._joint[TURNED, TURNED], 0.0))
+
+    def bound(self, late_s: float) -> tuple[float, float, float]:
+        """Of the position (m): the mean of its error, and `SIGMAS` of it; of the heading (rad), both together. late_s:
+        as how late images are corrected.
+        """
+        by = np.zeros((2, 7))
+        by[0, AHEAD] = by[1, AHEAD + 1] = 1.0
+        by[:, LATE] = -self._velocity[:2]
+        x, y = (by @ self._state + late_s * self._velocity[:2]).tolist()
+        (xx, xy), (_, yy) = (by @ self._joint @ by.T).tolist()
+        major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+        return math.hypot(x, y), SIGMAS * math.sqrt(major2), self._turn_bound

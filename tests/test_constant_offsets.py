@@ -1,0 +1,66 @@
+"""A camera that is turned or displaced on the robot, and late images, as the motion alone tells them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.constant_offsets import AT_FIRST, SIGMAS, ConstantOffsets
+from touchline.localization.estimator.step_noise import StepNoise
+from touchline.localization.estimator.visual_motion import Sighting
+from touchline.motion import MotionHistory
+from touchline.types import Frame, Samples
+
+RATE_HZ, SECONDS = 10.0, 8.0
+
+
+def driven(offset: Pose, late_s: float = 0.0, turns: bool = True, speed_m_s: float = 1.0) -> ConstantOffsets:
+    """Drive with changing speed and turns; each image shows the robot's pose composed with an offset."""
+    rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
+    offsets.reset()
+
+    def pose_at(seconds: float) -> Pose:
+        way = speed_m_s * (seconds + 0.4 * math.sin(2.0 * seconds))
+        heading = 0.8 * math.sin(1.3 * seconds) if turns else 0.0
+        return Pose(way * 0.9, 0.6 * math.sin(way), heading)
+
+    for k in range(int(SECONDS * RATE_HZ)):
+        seconds = k / RATE_HZ
+        fine = seconds - np.arange(4, -1, -1) / (5.0 * RATE_HZ) + 1.0
+        samples = Samples((1e9 * fine).astype(np.int64), np.array([tuple(pose_at(one)) for one in fine]))
+        history.add(Frame(round(1e9 * (seconds + 1.0)), odometry=samples))
+        seen: FloatArray = pose_at(seconds + 1.0 - late_s).compose(offset).as_array() + rng.normal(0, 0.005, 3)
+        covariance = np.diag(np.square([0.01, 0.01, 0.005]))
+        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k == 0)
+        offsets.update(sighting, history, StepNoise(walks=False), 0.0)
+    return offsets
+
+
+@pytest.mark.parametrize("turn_deg", [-5.0, 2.0])
+def test_a_turned_camera_is_within_the_bound_and_the_bound_is_tight(turn_deg: float) -> None:
+    turn = driven(Pose(0.0, 0.0, math.radians(turn_deg))).bound(0.0)[2]
+    assert math.radians(abs(turn_deg)) < turn < math.radians(abs(turn_deg) + 3.0)
+
+
+def test_a_displaced_camera_is_found_in_turns() -> None:
+    mean_m, more_m, _ = driven(Pose(0.3, 0.0, 0.0)).bound(0.0)
+    assert mean_m == pytest.approx(0.3, abs=0.05)
+    assert more_m < 0.06
+
+
+def test_what_only_turns_show_stays_unknown_without_them() -> None:
+    assert driven(Pose(0.0, 0.0, 0.0), turns=False).bound(0.0)[1] > 0.95 * SIGMAS * AT_FIRST[1]
+    assert driven(Pose(0.0, 0.0, 0.0), turns=True).bound(0.0)[1] < 0.5 * SIGMAS * AT_FIRST[1]
+
+
+def test_late_images_are_within_the_bound_unless_they_are_corrected() -> None:
+    late = driven(Pose(0.0, 0.0, 0.0), late_s=0.1, speed_m_s=2.0)
+    assert late.bound(0.0)[0] > late.bound(0.1)[0] + 0.05
+
+
+def test_images_that_are_turned_far_are_in_doubt() -> None:
+    assert "turned by" in driven(Pose(0.0, 0.0, math.radians(25.0))).doubt
+    assert driven(Pose(0.0, 0.0, 0.0)).doubt == ""
