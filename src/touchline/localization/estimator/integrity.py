@@ -202,6 +202,8 @@ class Integrity:
             self.relation.update(sighting, history, late_s, jump.elsewhere)
             if self.verdict.odometry:
                 self.offsets.update(sighting, history, bank.steps, late_s)
+            else:  # what a wrong odometry told of the camera says nothing
+                self.offsets.reset()
         self._confirm(jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
