@@ -116,11 +116,8 @@ def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) ->
 
     Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
     """
-    tree: dict[str, Any] = {}
-    for key, value in changes.items():
-        _put(tree, str(key).split("."), value, f"{key}={value}")
     try:
-        return model.model_validate(_handed_out(model, tree))
+        return model.model_validate(_handed_out(model, tree_of(changes)))
     except ValidationError as error:
         raise InputError(f"settings: {_explain(model, error, None, (), set(), {})}") from None
 
@@ -155,6 +152,19 @@ def merged(tree: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         inside = both.get(key)
         both[key] = merged(inside, value) if isinstance(inside, Mapping) and isinstance(value, Mapping) else value
     return both
+
+
+def leaves(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a tree by their dotted keys."""
+    return {".".join(path): value for path, value in _values(tree)}
+
+
+def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The inverse of `leaves`."""
+    tree: dict[str, Any] = {}
+    for key, value in values.items():
+        _put(tree, str(key).split("."), value, f"{key}={value}")
+    return tree
 
 
 def shown_key(key: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from touchline.config import leaves
 from touchline.errors import InputError
 from touchline.evaluation.metrics import BoolArray, associate, signed_errors
 from touchline.evaluation.run import Run
@@ -193,7 +194,7 @@ def _inputs(summary: dict[str, Any]) -> dict[str, str]:
     inputs = {"system": summary.get("system"), "seed": summary.get("seed"), "cpu": summary.get("cpu")}
     inputs |= {f"start {key}": value for key, value in _part(summary, "prior").items()}
     inputs |= {f"version of {name}": value for name, value in _part(summary, "versions").items()}
-    inputs |= dict(leaves(_part(summary, "settings")))
+    inputs |= leaves(_part(summary, "settings"))
     return {key: "none" if value is None else str(value) for key, value in inputs.items()}
 
 
@@ -203,14 +204,3 @@ def _differs(key: str, inputs: Sequence[dict[str, str]]) -> bool:
         return True
     has = {one["system"] for one in inputs if key in one}
     return any(one["system"] in has for one in inputs if key not in one)
-
-
-def leaves(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """A tree of settings as dotted keys and their values."""
-    found: list[tuple[str, Any]] = []
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            found += leaves(value, f"{prefix}{key}.")
-        else:
-            found.append((f"{prefix}{key}", value))
-    return found

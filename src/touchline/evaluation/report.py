@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from touchline.evaluation.compare import leaves
+from touchline.config import leaves
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
 from touchline.evaluation.protection import stanford_diagram
@@ -322,7 +322,7 @@ def _said(summary: dict[str, Any]) -> str:
 def _settings(summary: dict[str, Any]) -> str:
     rows = "".join(
         f"<tr><th>{html.escape(key)}</th><td>{html.escape(str(value))}</td></tr>"
-        for key, value in leaves(summary["settings"])
+        for key, value in leaves(summary["settings"]).items()
     )
     table = f"<div class='scroll'><table>{rows}</table></div>"
     return f"<section><h2>Settings</h2><details><summary>All of this run</summary>{table}</details></section>"

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from touchline.config import settings_tree
+from touchline.config import leaves, settings_tree, tree_of
 from touchline.evaluation.tuning.search import Search, best_of
 from touchline.evaluation.tuning.space import Dimension, value_at
 from touchline.evaluation.tuning.trial import Score, Task, Trial, mean_score, score_of, settings_of
@@ -64,8 +64,9 @@ def write_results(folder: Path, search: Search, trials: Sequence[Trial], judged:
 def best_file(search: Search, best: Trial, judged: Judged | None) -> str:
     """A settings file with what differs from the system's own, and where it comes from."""
     task = replace(search.tasks[0], changes=best.values)
-    own = settings_tree(system_info(task.system).settings())
-    tree = _differing(settings_tree(settings_of(task)), own)
+    own = leaves(settings_tree(system_info(task.system).settings()))
+    best_values = leaves(settings_tree(settings_of(task)))
+    tree = tree_of({key: value for key, value in best_values.items() if value != own[key]})
     on = ", ".join(dict.fromkeys(Path(one.on).name for one in search.tasks))
     lines = [f"# {task.system}: the best that touchline tune found on {on}"]
     if judged is None:
@@ -127,16 +128,3 @@ def _draw(axes: Axes, one: Dimension, trials: Sequence[Trial], costs: Any) -> No
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_locator(NullLocator())
-
-
-def _differing(tree: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """What of a tree is not as in another of the same shape."""
-    kept: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict) and isinstance(own.get(key), dict):
-            inside = _differing(value, own[key])
-            if inside:
-                kept[key] = inside
-        elif value != own.get(key):
-            kept[key] = value
-    return kept

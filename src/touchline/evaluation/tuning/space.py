@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from touchline.config import Settings, load_settings, settings_rows
+from touchline.config import Settings, leaves, load_settings, settings_rows, settings_tree
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
 
@@ -75,10 +75,5 @@ def _taken(text: str, key: str, value: str, model: type[Settings]) -> Value:
 
 def value_at(settings: Settings, key: str) -> Value:
     """The value of a dotted key, as users write it (`paper.` first)."""
-    parts = key.split(".")
-    if parts[0] == "paper" and len(parts) > 1:
-        parts = [*parts[1:-1], "paper", parts[-1]]
-    value: Any = settings
-    for part in parts:
-        value = getattr(value, part)
+    value = leaves(settings_tree(settings))[key]
     return value if isinstance(value, float | int | bool | str) else str(value)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from touchline.config import Settings, load_settings, settings_from_mapping, settings_tree
+from touchline.config import Settings, leaves, load_settings, settings_from_mapping, settings_tree
 from touchline.errors import InputError
 from touchline.evaluation.metrics import associate
 from touchline.evaluation.runner import robot_setup
@@ -100,9 +100,10 @@ def base_of(system: str, file: Path | None, overrides: Sequence[str]) -> tuple[t
 def settings_of(task: Task) -> Settings:
     """Its settings. Raises InputError where they exclude each other."""
     model = system_info(task.system).settings
-    given = settings_tree(settings_from_mapping(model, dict(task.base)))
-    changed = load_settings(model, None, [f"{key}={_written(value)}" for key, value in task.changes])
-    return settings_from_mapping(model, _over(given, settings_tree(changed), task.changes))
+    given = leaves(settings_tree(settings_from_mapping(model, dict(task.base))))
+    loaded = load_settings(model, None, [f"{key}={_written(value)}" for key, value in task.changes])
+    changed = leaves(settings_tree(loaded))
+    return settings_from_mapping(model, given | {key: changed[key] for key, _ in task.changes})
 
 
 def score_of(task: Task) -> Score | None:
@@ -118,17 +119,6 @@ def score_of(task: Task) -> Score | None:
 
 def _written(value: Value) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
-
-
-def _over(tree: dict[str, Any], changed: dict[str, Any], changes: Sequence[tuple[str, Value]]) -> dict[str, Any]:
-    """A settings tree with those keys of another that were changed."""
-    for key, _ in changes:
-        *groups, last = key.split(".")
-        into, out = tree, changed
-        for group in groups:
-            into, out = into[group], out[group]
-        into[last] = out[last]
-    return tree
 
 
 def _seen(task: Task) -> tuple[Iterable[Frame], Truth, RobotSetup]:
