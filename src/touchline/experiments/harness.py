@@ -7,7 +7,6 @@ and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which 
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -43,7 +42,6 @@ _HEAD = (
     "| experiment | what | the paper | ours | seeds |",
     "|---|---|---|---|---:|",
 )
-_Z = 1.959964  # of the normal distribution, 95 % between both signs
 
 
 @contextmanager
@@ -175,10 +173,10 @@ def paper_cells(published: Sequence[float] | None, cell: Callable[[Result, str],
 
 def wilson(successes: int, tries: int) -> tuple[float, float]:
     """Bounds of a binomial share with 95 % (Wilson, 1927)."""
-    share, square = successes / tries, _Z**2 / tries
-    middle = share + 0.5 * square
-    half = _Z * math.sqrt(share * (1.0 - share) / tries + 0.25 * square / tries)
-    return max(0.0, (middle - half) / (1.0 + square)), min(1.0, (middle + half) / (1.0 + square))
+    from scipy.stats import binomtest
+
+    found = binomtest(successes, tries).proportion_ci(method="wilson")
+    return float(found.low), float(found.high)
 
 
 def check_writable(folder: Path) -> None:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.camera import PerspectiveCamera
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track, track_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, together
@@ -54,20 +55,27 @@ class Case(NamedTuple):
 
 
 def _misjudged(longer: float, higher_m: float) -> Callable[[Drive, int], Drive]:
-    """A simulated walk that tells of its camera, which does not lean, and tells it wrongly."""
+    """A walk that tells its camera wrongly; a simulated one tells of one that does not lean."""
 
     def changed(walked: Drive, seed: int) -> Drive:
-        setup = RobotSetup(walked.field, replace(humanoid_camera(), use_attitude=False))
-        return misjudged(replace(walked, setup=setup), longer, higher_m)
+        if walked.setup.camera is None:
+            camera = replace(humanoid_camera(), use_attitude=False)
+            walked = replace(walked, setup=RobotSetup(walked.field, camera))
+        return misjudged(walked, longer, higher_m)
 
     return changed
 
 
 def _lower(walked: Drive, seed: int) -> Drive:
-    return looking_lower(walked, PITCH_RAD, PINHOLE_FEATURES.height_m)
+    camera = walked.setup.camera
+    height_m = PINHOLE_FEATURES.height_m
+    if isinstance(camera, PerspectiveCamera):
+        height_m = float(camera.base_from_camera.translation_m[2])
+    return looking_lower(walked, PITCH_RAD, height_m)
 
 
 CALIBRATED = (*SYSTEMS, WITHOUT)
+OF_CAMERAS = 4  # of the cases, the first ones: those that recordings have, too
 CASES = (
     Case("as built", lambda walked, seed: walked, systems=CALIBRATED),
     Case("camera 2° lower, from 10 s on", _lower, PITCH_FROM_S, CALIBRATED),
@@ -202,16 +210,10 @@ def _recorded_rows(seeds: int) -> list[Row]:
         walked = humanoids.recorded_walk(name)
         if walked is None:
             continue
-        assert walked.setup.camera is not None
-        height_m = float(walked.setup.camera.base_from_camera.translation_m[2])
-        seen = {
-            "images": (walked, 0.0),
-            "images, camera 2° lower, from 10 s on": (looking_lower(walked, PITCH_RAD, height_m), PITCH_FROM_S),
-            "images, focal length told 3 % longer, from 10 s on": (misjudged(walked, LONGER, 0.0), PITCH_FROM_S),
-            "images, camera told 3 cm higher, from 10 s on": (misjudged(walked, 0.0, HIGHER_M), PITCH_FROM_S),
-        }
-        for (what, (each, from_s)), system in product(seen.items(), SYSTEMS):
-            tracks = [_after(_tracked(each, system, seed), from_s) for seed in range(seeds)]
+        for number, system in product(range(OF_CAMERAS), SYSTEMS):
+            case = CASES[number]
+            tracks = [_after(_tracked(case.change(walked, 0), system, seed), case.from_s) for seed in range(seeds)]
+            what = f"images, {case.name}" if number else "images"
             rows.append((f"{what}: {name}", walked.field.name, system, *_cells(tracks)))
     return rows
 
