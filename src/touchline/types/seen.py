@@ -41,9 +41,12 @@ class _Seen:
     KINDS: ClassVar[Iterable[str]] = ()
 
     def __post_init__(self) -> None:
-        wanted = {name: (len(self), *rest) for name, rest in self.SHAPES.items()}
-        found = {name: getattr(self, name).shape for name in wanted}
-        wrong = [f"{name} {wanted[name]}, got {found[name]}" for name in wanted if wanted[name] != found[name]]
+        count = len(self)
+        wrong = [
+            f"{name} {(count, *rest)}, got {getattr(self, name).shape}"
+            for name, rest in self.SHAPES.items()
+            if getattr(self, name).shape != (count, *rest)
+        ]
         if wrong:
             raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
         unknown = set(getattr(self, "kinds", np.zeros(0)).tolist()) - set(self.KINDS)

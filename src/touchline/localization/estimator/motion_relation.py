@@ -322,8 +322,9 @@ class MotionRelation:
     def _fill_lags(self) -> None:
         """The odometry's steps at other times, of the steps that are old enough to know all of them."""
         steps = self._steps
-        for i, (begin_ns, end_ns) in enumerate(self._spans_ns):
-            if self._spans_ns[-1][1] - end_ns >= 1e9 * LAGS_S[-1] and math.isnan(steps.lagged[i, 0, 0]):
+        for i in np.flatnonzero(np.isnan(steps.lagged[:, 0, 0])).tolist():
+            begin_ns, end_ns = self._spans_ns[i]
+            if self._spans_ns[-1][1] - end_ns >= 1e9 * LAGS_S[-1]:
                 steps.lagged[i] = _lagged(self._history, begin_ns, end_ns)
 
     def _explain(self, history: MotionHistory) -> None:
