@@ -123,6 +123,19 @@ class SimulatedCameraModel:
         self._occlude(image, state)
         return image
 
+    def paint_ratio(
+        self, world: World, state: WorldState, robot_pose: Pose, attitude: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """`radiance` of a still robot, and how much of each pixel's light (H, W) comes from the field's lines."""
+        whole = self.radiance(world, state, robot_pose, attitude).copy()
+        assert self._scene is not None
+        white = self._scene.paints[0].copy()
+        self._scene.paints[0] = 0.0
+        bare = self.radiance(world, state, robot_pose, attitude)
+        self._scene.paints[0] = white
+        ratio = (whole[..., 1] - bare[..., 1]) / np.maximum(whole[..., 1], np.float32(1e-9))
+        return whole, ratio.astype(np.float32)
+
     def _blurred(
         self,
         scene: Scene,

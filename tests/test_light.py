@@ -1,0 +1,72 @@
+"""benchmarks/light.py: where paint is, by the renderer, and what counts as found."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.run import Simulation
+from touchline.types import LinePoints, Observation
+
+_SPEC = importlib.util.spec_from_file_location("light", Path(__file__).parents[1] / "benchmarks/light.py")
+assert _SPEC is not None
+assert _SPEC.loader is not None
+light: Any = importlib.util.module_from_spec(_SPEC)
+sys.modules[_SPEC.name] = light  # dataclasses look themselves up
+_SPEC.loader.exec_module(light)
+
+
+@pytest.fixture(scope="module")
+def seen_truth() -> tuple[Simulation, Any]:
+    """A robot with a mirror whose carpet ends right behind the lines, and the truth of its first image."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(light, "IMAGES", 1)
+        run = light.simulation("mirror", "dark surround", 0)
+    return run, light.images(run)[0][1]
+
+
+def observation(pixels: np.ndarray) -> Observation:
+    """Line points at pixels (N, 2)."""
+    count = len(pixels)
+    return Observation(0, LinePoints(np.zeros((count, 2)), np.tile(np.eye(2), (count, 1, 1)), np.ones(count), pixels))
+
+
+def test_paint_is_what_the_lines_add_to_an_image(seen_truth: tuple[Simulation, Any]) -> None:
+    _, truth = seen_truth
+    assert truth.paint.min() > -1e-3
+    assert truth.paint.max() <= 1.0
+    assert 0.002 < float((truth.paint > 0.5).mean()) < 0.2
+    assert truth.outer.any()
+    assert not truth.outer.all()
+
+
+def test_what_lies_on_paint_is_right_and_finds_it(seen_truth: tuple[Simulation, Any]) -> None:
+    run, truth = seen_truth
+    assert isinstance(run.camera_model, SimulatedOmniCamera)
+    lines, outer = light.score(run, observation(truth.places), truth)
+    assert lines.precision == lines.recall == outer.recall == 1.0
+    inner, outer = light.score(run, observation(truth.places[~truth.outer]), truth)
+    assert outer.recall < 0.2 < inner.recall < 1.0
+
+
+def test_what_lies_beside_paint_is_wrong(seen_truth: tuple[Simulation, Any]) -> None:
+    run, truth = seen_truth
+    bare = np.argwhere(truth.paint < 0.01)[::997, ::-1].astype(np.float64)
+    none = truth._replace(paint=np.zeros_like(truth.paint))
+    assert light.score(run, observation(bare), none)[0].precision == 0.0
+    assert light.score(run, observation(np.zeros((0, 2))), truth)[0].recall == 0.0
+
+
+def test_an_exposure_suits_what_it_sees() -> None:
+    """A hundredth of the light: a longer exposure first, then gain."""
+    radiance = np.full((64, 64, 3), 0.05, dtype=np.float32)
+    usual, dim = light.exposed(radiance), light.exposed(0.01 * radiance)
+    assert usual[1] == 1.0
+    assert usual[0] * 0.16 * 0.05 == pytest.approx(0.2, rel=1e-3)
+    assert dim == (30.0, 8.0)
