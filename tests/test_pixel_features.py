@@ -176,7 +176,9 @@ def test_a_bag_of_pixels_is_what_was_on_the_ground(tmp_path: Path) -> None:
 
 def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
     path = write(tmp_path / "walk.mcap", without="sensor_msgs/msg/CameraInfo")
-    with pytest.raises(InputError, match="/markings_in_image tells of pixels, and the camera is not known: it has no"):
+    with pytest.raises(
+        InputError, match="/markings_in_image tells of pixels, and the camera is not known: no CameraInfo"
+    ):
         open_source(path, options=FIELD)
     write_yaml(tmp_path / "camera.yaml", pinhole_mapping(CAMERA))
     given = open_source(path, options=BagOptions(field="hsl-s-9x6", camera=tmp_path / "camera.yaml"))

@@ -6,6 +6,7 @@ A check is a function from a `Survey` to findings. Another one joins by standing
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from touchline.checks import features, heading, images, late_odometry, lines, projection, sensors, setup, slips
@@ -60,5 +61,7 @@ def check_recording(source: Recording | str | Path, progress: Callable[[], None]
     """
     recording = source if isinstance(source, Recording) else Recording(Path(source))
     survey = take_survey(recording, progress)
-    findings = [finding for check in CHECKS for finding in check(survey)]
+    topics = recording.problems.topics
+    found = [finding for check in CHECKS for finding in check(survey)]
+    findings = [replace(finding, where=topics.get(finding.where, finding.where)) for finding in found]
     return sorted(findings, key=lambda finding: _ORDER.index(finding.severity))

@@ -61,8 +61,7 @@ def check_rows(survey: Survey) -> Iterator[Finding]:
         for file, first in firsts.items():
             count = problems.file_counts[kind, file]
             more = "" if count == 1 else f" (and {count - 1} more like it)"
-            where = file if first.line is None else f"{file}, line {first.line}"
-            yield Finding("rows", severity, where, f"{first.message.partition(': ')[2]}{more}", advice)
+            yield Finding("rows", severity, first.place, f"{first.message.partition(': ')[2]}{more}", advice)
     if not any(problems.counts[kind] for kind in _ROW_ADVICE):
         yield Finding("rows", Severity.OK, "*.csv", "every row can be read, times run forwards, no sensor gap")
 
@@ -84,6 +83,9 @@ def check_presence(survey: Survey) -> Iterator[Finding]:
             what = "no sample lies between the first and the last image"
             yield Finding("sensors", Severity.ERROR, file, what, "Use one clock for images and sensors.")
         elif file == "imu.csv" and not seen["yaw"]:
+            if (imu := survey.recording.problems.topics.get(file)) is not None:
+                advice = f"If it is the heading on the field: --topic compass={imu}"
+                yield Finding("compass", Severity.NOTE, imu, "its yaw is not used: most robots sum it up", advice)
             yield from _no_compass(survey, "column 'yaw' is empty: no compass")
 
 

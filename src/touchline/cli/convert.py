@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.cli.console import errors_console, say, warn
-from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
+from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, FromZero, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
 from touchline.messages import counted
@@ -56,6 +56,7 @@ def convert(
     camera: BagCamera = None,
     base: BagBase = None,
     late: BagLate = 0.0,
+    from_zero: FromZero = False,
 ) -> None:
     """Write a recording as another kind, without loss: images are copied as they are, times to the nanosecond."""
     kind = to or (Kind.MCAP if target.suffix.lower() == ".mcap" else Kind.FOLDER)
@@ -66,7 +67,7 @@ def convert(
     if (source / "summary.json").is_file():
         _write_results(source, target, kind, follow_links)
         return
-    described = bag_options(topics, field, camera, base, late)
+    described = bag_options(topics, field, camera, base, late, from_zero)
     if is_loose(source):
         recording = open_loose(source, LooseOptions(rate, odometry, columns, first_image_at), described)
     else:

@@ -44,6 +44,7 @@ BagLate = Annotated[
         help="Messages without a stamp were received so much later than measured; touchline check tells.",
     ),
 ]
+FromZero = Annotated[bool, typer.Option("--from-zero", help="Of a bag: times count from its first second.")]
 SkipUnusable = Annotated[bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")]
 SystemName = Annotated[
     str | None, typer.Option("--system", help="The system to run (default: touchline); see touchline systems.")
@@ -59,7 +60,12 @@ OwnHalf = Annotated[bool, typer.Option("--own-half", help="The robot starts in i
 
 
 def bag_options(
-    topics: list[str] | None, field: str | None, camera: Path | None, base: str | None, late_ms: float = 0.0
+    topics: list[str] | None,
+    field: str | None,
+    camera: Path | None,
+    base: str | None,
+    late_ms: float = 0.0,
+    from_zero: bool = False,
 ) -> BagOptions:
     """What a bag does not say of itself. Raises InputError for a topic that is not ROLE=/NAME."""
     from touchline.sources.bags.roles import BagOptions
@@ -68,7 +74,7 @@ def bag_options(
     for role, equals, name in named:
         if not (role and equals and name):
             raise InputError(f"--topic {role}{equals}{name}: expected ROLE=/NAME, for example image=/front/image_raw")
-    return BagOptions({role: name for role, _, name in named}, field, camera, base, late_ms)
+    return BagOptions({role: name for role, _, name in named}, field, camera, base, late_ms, from_zero)
 
 
 def check_handedness(given: int | None) -> None:

@@ -21,6 +21,7 @@ from touchline.cli.options import (
     BagLate,
     ConfigFile,
     FollowLinks,
+    FromZero,
     Overrides,
     OwnHalf,
     StartPose,
@@ -76,6 +77,7 @@ def run(
     camera: BagCamera = None,
     base: BagBase = None,
     late: BagLate = 0.0,
+    from_zero: FromZero = False,
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
@@ -90,7 +92,7 @@ def run(
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
     name = system or DEFAULT_SYSTEM
     system_info(name)  # an unknown name is told before the recording is read
-    source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late))
+    source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late, from_zero))
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     with shown_in(view, rrd) as screen:
         execute(prepared, output, on_frame=on_screen(screen, prepared))
@@ -201,7 +203,6 @@ def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bo
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     with (
@@ -209,11 +210,10 @@ def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bo
         announce_compiling(progress.console.print),
         interruptible() as stop,
     ):
-        task = progress.add_task(source.name, total=len(source), rate="")
+        task = progress.add_task(source.name, total=len(source))
 
         def advance(*_: object) -> None:
-            speed = progress.tasks[0].speed
-            progress.update(task, advance=1, rate="" if speed is None else f"{speed:.0f} frames/s")
+            progress.advance(task)
 
         yield advance, stop
 
@@ -255,11 +255,10 @@ def _print_speed(summary: dict[str, Any]) -> None:
     total, left_out = latency["total"], latency["first_left_out"]
     if total["median"] is None:
         return
-    say(f"{counted(summary['frames'], 'image')} at {summary['rate_fps']:.0f} images/s, reading included")
     most_ms = max(total["max"], latency["start_max"])
     words = f"{milliseconds(total['median'])} ms median, {milliseconds(total['p99'])} ms p99"
     words += f" after the first {left_out}; " if left_out else ", "
     words += f"{milliseconds(most_ms)} ms at most"
     if most_ms == latency["start_max"]:
         words += f" at the start (code is loaded{', colours are learned' if summary['learns_colours'] else ''})"
-    say(f"time per image: {words}")
+    say(f"{counted(summary['frames'], 'image')}, time per image: {words}")

@@ -162,8 +162,6 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunDa
         which = f", first {left_out} left out" if left_out else ""
         tiles.append((f"time per image, median{which}", milliseconds(latency["median"]), "ms"))
         tiles.append((f"time per image, p99{which}", milliseconds(latency["p99"]), "ms"))
-    if summary["rate_fps"] is not None:
-        tiles.append(("rate, reading included", f"{summary['rate_fps']:.0f}", "images/s"))
     cells = "".join(
         f"<div class='tile'><dt>{label}</dt><dd>{value}<span>{'' if unit == '°' else ' '}{unit}</span></dd></div>"
         for label, value, unit in tiles

@@ -52,11 +52,13 @@ def time_panel(key: Sequence[tuple[str, str]], has_images: bool, caption: str, a
     )
     form = "" if has_images else " class='alone'"
     return (
+        "<div class='timed'><div class='panel'><p id='said'></p><input type='range' id='time' min='0' value='0' "
+        f"aria-label='time'>{buttons}</div>"
         f"<section><h2>Path</h2><div id='view'{form}>{figure}{image}</div></section>"
         "<section><h2>Over time</h2><noscript><p>The curves need JavaScript.</p></noscript><div id='charts'></div>"
-        f"<div class='panel'><p id='said'></p><input type='range' id='time' min='0' value='0' "
-        f"aria-label='time'>{buttons}</div><p class='note'>{caption} "
+        f"<p class='note'>{caption} "
         "Drag across a curve to zoom, double-click for all; point at a curve or at the path to go there.</p></section>"
+        "</div>"
     )
 
 

@@ -18,7 +18,7 @@ from touchline.sources.bags.roles import BagOptions
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.decoding import Decoded, FolderImages, ImageStore, usable_image
-from touchline.sources.description import NO_CAMERA, read_description, wheel_directions_rad
+from touchline.sources.description import CAMERA, NO_CAMERA, read_description, wheel_directions_rad
 from touchline.sources.images import ImageList, read_image_list
 from touchline.sources.observations import OBSERVATIONS, ObservationList, read_observation_list
 from touchline.sources.problems import ProblemKind, ProblemLog
@@ -87,7 +87,7 @@ class Recording:
         self._own = OwnFolder(folder, follow_links)
         self.image_store: ImageStore = images or FolderImages(self._own)
         self._opening = ProblemLog() if problems is None else problems
-        self._pass = ProblemLog()
+        self._pass = ProblemLog(self._opening.topics)
         about = read_description(self._own, self._opening)
         self.name, self.sequence, self.events = about.name, about.sequence, about.events
         self.camera_kind, self.camera_file, self.linear = about.camera_kind, about.camera_file, about.linear
@@ -190,8 +190,10 @@ class Recording:
         from touchline.camera import open_camera
 
         if self.camera_file is None:
-            missing = self.folder / "camera.yaml"
-            raise InputError(f"{missing}: is missing; without it pixels have no place on the ground")
+            said = next((problem.message for problem in self._opening if problem.file == CAMERA), None)
+            raise InputError(
+                said or f"{self.folder / CAMERA}: is missing; without it pixels have no place on the ground"
+            )
         try:
             return open_camera(self.camera_file)
         except InputError as error:  # of a bag the tables lie in a folder that nobody knows
@@ -247,7 +249,7 @@ class Recording:
         return f"Recording({self.name}: {what}, field {self.field.name}, camera {self.camera_kind})"
 
     def __iter__(self) -> Iterator[Frame]:
-        self._pass = ProblemLog()
+        self._pass = ProblemLog(self._opening.topics)
         return self._frames(self._pass)
 
     def again(self, seen: Container[int] | None = None) -> Iterator[Frame]:
@@ -367,8 +369,8 @@ class Recording:
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE
             line = int(self._images.lines[index])
-            shown = name if name.isprintable() else repr(name)
-            return None, log.add(kind, IMAGE_LIST, f"{shown} {outcome.what}", line=line, frame=index).message
+            shown = "" if IMAGE_LIST in log.topics else f"{name if name.isprintable() else repr(name)} "
+            return None, log.add(kind, IMAGE_LIST, f"{shown}{outcome.what}", line=line, frame=index).message
         if self._size is None:
             self._size = (image.shape[1], image.shape[0])
         return image, None

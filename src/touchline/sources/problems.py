@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -33,13 +33,14 @@ class ProblemKind(StrEnum):
 class Problem:
     """One oddity. file: relative to the recording; line: counted from 1; frame: index of the image, from 0.
 
-    message: a complete sentence that names file and line, or frame, by itself.
+    place: file and line, or topic and message of a bag. message: a complete sentence that names the place by itself.
     """
 
     file: str
     line: int | None
     frame: int | None
     kind: ProblemKind
+    place: str
     message: str
 
     def __str__(self) -> str:
@@ -47,9 +48,13 @@ class Problem:
 
 
 class ProblemLog:
-    """Problems in the order of discovery: `KEPT_PER_KIND` of each kind, the first of each file, and the counts."""
+    """Problems in the order of discovery: `KEPT_PER_KIND` of each kind, the first of each file, and the counts.
 
-    def __init__(self) -> None:
+    topics: of a bag, the topic that each table was written from: whoever recorded it knows no table.
+    """
+
+    def __init__(self, topics: Mapping[str, str] | None = None) -> None:
+        self.topics = topics or {}
         self._kept: list[Problem] = []
         self.counts: Counter[ProblemKind] = Counter()
         self.file_counts: Counter[tuple[ProblemKind, str]] = Counter()
@@ -58,10 +63,11 @@ class ProblemLog:
         self, kind: ProblemKind, file: str, what: str, *, line: int | None = None, frame: int | None = None
     ) -> Problem:
         """Report a problem; its message is made of the place and `what`."""
-        place = file if line is None else f"{file}, line {line}"
-        if frame is not None:
-            place += f" (frame {frame})"
-        problem = Problem(file, line, frame, kind, f"{place}: {what}")
+        place = self.topics.get(file, file)
+        if line is not None:
+            place += f", message {line - 1}" if file in self.topics else f", line {line}"
+        shown = place if frame is None else f"{place} (frame {frame})"
+        problem = Problem(file, line, frame, kind, place, f"{shown}: {what}")
         if self.counts[kind] < KEPT_PER_KIND or not self.file_counts[kind, file]:
             self._kept.append(problem)
         self.counts[kind] += 1
@@ -75,7 +81,7 @@ class ProblemLog:
 
     def joined(self, other: ProblemLog) -> ProblemLog:
         """This log followed by the other, as a new log."""
-        both = ProblemLog()
+        both = ProblemLog(self.topics)
         both._kept = [*self._kept, *other._kept]
         both.counts = self.counts + other.counts
         both.file_counts = self.file_counts + other.file_counts

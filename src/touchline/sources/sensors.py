@@ -65,7 +65,8 @@ class SensorStream:
         for _ in self._blocks:
             pass
         for name, count in zip(self._names, self._empty.tolist(), strict=True):
-            if count:
+            unmeasured = count == self._rows and self._table.name in self._log.topics  # as sensor_msgs/Imu says it
+            if count and not unmeasured:
                 what = f"column '{name}' is empty in {count} of {self._rows} rows; what it measures is unknown there"
                 self._log.add(ProblemKind.EMPTY_COLUMN, self._table.name, what)
         self._empty[:] = 0

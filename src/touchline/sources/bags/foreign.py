@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,20 @@ from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.transforms import FrameTree, camera_body
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
+from touchline.sources.description import CAMERA
 from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 _SECOND_NS = 1_000_000_000
 _SAME_CLOCK_NS = 10 * _SECOND_NS
-_EARLIEST_EPOCH_S = 10_000_000  # clocks that show more did not start with the robot: times count from its first second
+_TABLES = {
+    roles.IMAGE: "images.csv",
+    roles.ODOMETRY: "odometry.csv",
+    **dict.fromkeys((roles.IMU, roles.COMPASS), "imu.csv"),
+    roles.TRUTH: "ground_truth.tum",
+    **dict.fromkeys((roles.POINTS, *roles.FEATURES), "observations.csv"),
+    roles.HEAD: "camera_pose.csv",
+}
 
 
 class Foreign:
@@ -42,6 +50,7 @@ class Foreign:
         for role, topic in self._topics.items():
             self._roles.setdefault(topic.name, []).append(role)
         self._transforms = {each.name: each for each in bag.topics.values() if each.type in roles.TRANSFORM_TYPES}
+        problems.topics = {CAMERA: path.name, **_table_topics(self._topics)}
         if not roles.has_features(self._topics) and not {roles.IMAGE, roles.POINTS} & set(self._topics):
             kinds = sorted({topic.type for topic in bag.topics.values()})
             raise InputError(
@@ -62,13 +71,14 @@ class Foreign:
         self._look_around()
         with ForeignTables(folder, self._tree, self._options.base, self._problems, self._seeing()) as tables:
             tables.watch_camera(self._frame)
+            tables.odometry_by_transforms = roles.ODOMETRY not in self._topics
             tables.expect(role for role in roles.FEATURES if role in self._topics)
             wanted = {*self._roles, *self._transforms} - {self._name(roles.CAMERA_INFO)}
             for message in self._bag.messages(wanted):
                 self._take(message, tables)
         order = np.argsort(np.array(self._stamps, dtype=np.int64), kind="stable")
         self._write_images(folder, order)
-        self._write_description(folder)
+        self._write_description(folder, tables.seen_ns)
         places = np.array(self._places, dtype=np.int64).reshape(-1, 2)[order]
         return ImagePlaces(self._name(roles.IMAGE), places)
 
@@ -103,7 +113,7 @@ class Foreign:
             if self._epoch_ns is None and header is not None:
                 self._compare_clocks(message.log_ns, header.stamp_ns)
                 second = (header.stamp_ns or message.log_ns) // _SECOND_NS
-                self._epoch_ns = second * _SECOND_NS if second >= _EARLIEST_EPOCH_S else 0
+                self._epoch_ns = second * _SECOND_NS * self._options.from_zero
             if message.topic == self._name(roles.CAMERA_INFO) and self._info is None:
                 self._info = self._decoded(topic, message)
             if message.topic in (self._name(roles.IMAGE), *self._pixels) and header is not None:
@@ -175,14 +185,14 @@ class Foreign:
                 ending = "png" if self._names[index] else "jpg"
                 file.write(f"{decimal_seconds(self._stamps[index])},images/{number:06d}.{ending}\n")
 
-    def _write_description(self, folder: Path) -> None:
+    def _write_description(self, folder: Path, seen: array[int]) -> None:
         about: dict[str, Any] = {
             "format": 1,
             "name": self._path.stem,
             "field": write_field(self._field, self._options.field, folder),
         }
         about["camera"] = self._camera(folder)
-        steps = np.diff(np.sort(np.array(self._stamps, dtype=np.int64)))
+        steps = np.diff(np.sort(np.array(self._stamps or seen, dtype=np.int64)))
         if len(steps) and np.median(steps) > 0:
             about["rate_hz"] = round(1e9 / float(np.median(steps)), 3)
         about["topics"] = {role: topic.name for role, topic in self._topics.items()}
@@ -197,8 +207,7 @@ class Foreign:
             return copy_camera(self._options.camera, folder)
         mapping = self._camera_mapping()
         if isinstance(mapping, str):
-            what = f"tells no camera: {mapping}; --camera FILE gives one"
-            self._problems.add(ProblemKind.TOPIC, self._path.name, what)
+            self._problems.add(ProblemKind.TOPIC, CAMERA, f"{mapping}; --camera FILE gives one")
         else:
             write_yaml(folder / "camera.yaml", mapping)
             return str(mapping["model"])
@@ -206,4 +215,15 @@ class Foreign:
 
     def _camera_mapping(self) -> dict[str, Any] | str:
         """The keys of a camera.yaml, or why there are none."""
-        return "it has no CameraInfo" if self._info is None else camera_mapping(self._info, self._mount())
+        beside = self._name(roles.IMAGE) or self._pixels[0]
+        return f"no CameraInfo beside {beside}" if self._info is None else camera_mapping(self._info, self._mount())
+
+
+def _table_topics(chosen: Mapping[str, Topic]) -> dict[str, str]:
+    """The topics that each table is written from."""
+    tables: dict[str, list[str]] = {}
+    for role, topic in chosen.items():
+        if role in _TABLES:
+            tables.setdefault(_TABLES[role], []).append(topic.name)
+    found = {"odometry.csv": ["/tf"], "camera_pose.csv": ["/tf"], **tables}
+    return {name: ", ".join(dict.fromkeys(topics)) for name, topics in found.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.readings import attitude_of, cloud_points, head_of, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, camera_body, plain
+from touchline.sources.bags.transforms import FrameTree, TransformOdometry, camera_body, plain
 from touchline.sources.observations import HEADER
 from touchline.sources.problems import ProblemKind, ProblemLog
 
@@ -57,6 +58,9 @@ class ForeignTables(NewFiles):
         self._model = camera
         self._mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._track = CameraTrack(tree, base, self._mount)
+        self._odometry = TransformOdometry(tree, base)
+        self.odometry_by_transforms = False
+        self.seen_ns = array("q")  # when a detector of the robot's own looked
 
     def __exit__(self, *error: object) -> None:
         self._write_seen(self._seen.rest())
@@ -74,6 +78,9 @@ class ForeignTables(NewFiles):
         """Take in what a message of /tf or /tf_static says."""
         placed = self._tree.update(transforms)
         self._track.moved([(frame, stamp_ns - epoch_ns) for frame, stamp_ns in placed])
+        if self.odometry_by_transforms:
+            for stamp_ns, *pose in self._odometry.moved(placed):
+                self._row("odometry.csv", stamp_ns - epoch_ns, [*pose])
         if self._base is None or not self._camera:
             return
         between = self._tree.between(self._base, plain(self._camera))
@@ -162,6 +169,7 @@ class ForeignTables(NewFiles):
 
     def _write_seen(self, found: Iterable[tuple[int, list[str]]]) -> None:
         for stamp_ns, rows in found:
+            self.seen_ns.append(stamp_ns)
             time = decimal_seconds(stamp_ns)
             lines = [f"{time},{row}" for row in rows or [f"none{',' * 13}"]]
             self.write("observations.csv", "\n".join(lines) + "\n")

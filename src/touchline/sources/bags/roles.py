@@ -55,7 +55,7 @@ class BagOptions:
     """What a bag does not say of itself. topics: role -> topic. field: a preset's name or a file. camera: a file.
 
     base: the frame of the robot on the ground, x forward, y left. late_ms: by which messages without a stamp were
-    received later than measured.
+    received later than measured. from_zero: times count from the bag's first second.
     """
 
     topics: Mapping[str, str] = field(default_factory=dict)
@@ -63,6 +63,7 @@ class BagOptions:
     camera: Path | None = None
     base: str | None = None
     late_ms: float = 0.0
+    from_zero: bool = False
 
     def given(self) -> bool:
         """Whether anything is."""
@@ -73,7 +74,7 @@ class BagOptions:
         file = None if self.field is None or not Path(self.field).is_file() else str(Path(self.field).resolve())
         camera = None if self.camera is None else str(self.camera.resolve())
         named = {"topics": dict(self.topics), "field": file or self.field, "camera": camera, "base": self.base}
-        return {**named, "late_ms": self.late_ms}
+        return {**named, "late_ms": self.late_ms, "from_zero": self.from_zero}
 
     @classmethod
     def from_dict(cls, tree: Any) -> BagOptions:
@@ -84,7 +85,8 @@ class BagOptions:
         named = {str(role): str(name) for role, name in topics.items()}
         late = tree.get("late_ms", 0.0)
         late_ms = float(late) if type(late) in (int, float) else 0.0
-        return cls(named, field, None if camera is None else Path(camera), base, late_ms)
+        from_zero = tree.get("from_zero") is True
+        return cls(named, field, None if camera is None else Path(camera), base, late_ms, from_zero)
 
 
 def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problems: ProblemLog) -> dict[str, Topic]:

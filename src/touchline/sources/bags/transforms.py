@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from touchline.geometry import FloatArray, Pose3
 
 _DEEPEST = 100  # frames from a leaf to the root: more is a loop
-GROUND_FRAME = "base_footprint"
+GROUND_FRAME, ODOMETRY_FRAME = "base_footprint", "odom"
 _BASES = (GROUND_FRAME, "base_link", "base")
 # The axes of a camera's optical frame (x right, y down, z ahead) from those of its body (x ahead, y left, z up).
 OPTICAL_FROM_BODY = Pose3(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
@@ -73,6 +73,30 @@ class FrameTree:
         for frame in frames:
             pose = self._parents[frame][1].compose(pose)
         return pose
+
+
+class TransformOdometry:
+    """Dead reckoning that only /tf tells: the base in the frame `odom`. base: as `FrameTree.base` has it."""
+
+    def __init__(self, tree: FrameTree, base: str | None) -> None:
+        self._tree, self._wanted = tree, base
+        self._base: str | None = None
+        self._waiting: tuple[int, float, float, float] | None = None
+
+    def moved(self, placed: Iterable[tuple[str, int]]) -> list[tuple[int, float, float, float]]:
+        """Stamp (ns), x, y, heading (m, rad) once the next ones are there: a static transform never moves."""
+        base = self._tree.base(self._wanted)
+        if base != self._base:
+            self._base, self._waiting = base, None
+        between = (base and self._tree.between(ODOMETRY_FRAME, base)) or ()
+        stamp_ns = max((stamp_ns for frame, stamp_ns in placed if frame in between), default=0)
+        pose = self._tree.pose(ODOMETRY_FRAME, base) if base and stamp_ns else None
+        last = self._waiting
+        if pose is None or (last is not None and stamp_ns <= last[0]):
+            return []
+        x, y, _ = pose.translation_m.tolist()
+        self._waiting = stamp_ns, x, y, pose.roll_pitch_yaw()[2]
+        return [] if last is None else [last]
 
 
 def plain(frame: str) -> str:
