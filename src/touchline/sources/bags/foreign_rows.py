@@ -79,8 +79,8 @@ class ForeignTables(NewFiles):
         placed = self._tree.update(transforms)
         self._track.moved([(frame, stamp_ns - epoch_ns) for frame, stamp_ns in placed])
         if self.odometry_by_transforms:
-            for stamp_ns, *pose in self._odometry.moved(placed):
-                self._row("odometry.csv", stamp_ns - epoch_ns, [*pose])
+            for stamp_ns, *planar in self._odometry.moved(placed):
+                self._row("odometry.csv", stamp_ns - epoch_ns, [*planar])
         if self._base is None or not self._camera:
             return
         between = self._tree.between(self._base, plain(self._camera))
