@@ -71,10 +71,25 @@ class Graph:
             time.sleep(min(timeout_sec, 0.001))
 
 
-def get_message(kind: str) -> str:
-    if kind.startswith("missing"):
-        raise ImportError(kind)
-    return kind
+class Messages(ModuleType):
+    """PKG.msg: a message's class is its name here."""
+
+    def __getattr__(self, name: str) -> str:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return f"{self.__name__.partition('.')[0]}/msg/{name}"
+
+
+PACKAGES = (
+    "booster_interface",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "nav_msgs",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "tf2_msgs",
+)
 
 
 @pytest.fixture
@@ -96,14 +111,15 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
             "spin_once": made.spin_once,
         },
         "rclpy.qos": {"QoSProfile": SimpleNamespace, "ReliabilityPolicy": Reliability, "DurabilityPolicy": Durability},
-        "rosidl_runtime_py": {},
-        "rosidl_runtime_py.utilities": {"get_message": get_message},
     }
     for name, attributes in contents.items():
         module = ModuleType(name)
         module.__spec__ = ModuleSpec(name, None)
         module.__dict__.update(attributes)
         monkeypatch.setitem(sys.modules, name, module)
+    for package in PACKAGES:
+        monkeypatch.setitem(sys.modules, package, ModuleType(package))
+        monkeypatch.setitem(sys.modules, f"{package}.msg", Messages(f"{package}.msg"))
     monkeypatch.setattr(ros_end, "SETTLE_S", 0.02)
     monkeypatch.setattr(rclpy_link, "_LOOK_S", 0.01)
     return made
@@ -199,3 +215,15 @@ def test_the_command_runs_as_a_node(graph: Graph, capsys: pytest.CaptureFixture[
     assert main(["live", "--field", "msl-18x12", "--rclpy", "--namespace", "robot1/", "--seconds", "0.1"]) == 0
     assert "/robot1/touchline/pose" in graph.own
     assert "0 of 0 images localised" in capsys.readouterr().out
+
+
+def test_without_tf2_msgs_the_pose_goes_out_and_it_is_said_once(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "tf2_msgs.msg")
+    monkeypatch.delitem(sys.modules, "tf2_msgs")
+    link = RclpyLink()
+    estimate = Estimate(7, Pose(1.0, 2.0, 0.5), np.eye(3), Status.TRACKING)
+    for _ in range(3):
+        link.publish(Published(estimate, Pose(0.0, 0.0, 0.0), image=True))
+    assert {name for name, _, _ in graph.published} == {"/touchline/pose", "/diagnostics"}
+    assert link.refused == {"a topic of tf2_msgs/msg/TFMessage, whose definition is not installed": 1}
+    link.close()

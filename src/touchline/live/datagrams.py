@@ -34,7 +34,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
-from touchline.live.heard import SENSORS, Heard, Published, Reading, Sight, Start
+from touchline.live.heard import SENSORS, Heard, Published, Reading, Sight, Start, count_refused
 from touchline.sources.observations import HEADER, observation_of, observation_rows
 from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, Observation, points_at
 
@@ -65,7 +65,7 @@ class Datagrams:
                 raise InputError("no JSON object")
             return self._heard(message, behind)
         except (InputError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-            self.refused[f"a message that can't be used ({_short(error)})"] += 1
+            count_refused(self.refused, f"a message that can't be used ({_short(error)})")
             return None
 
     def _heard(self, message: Mapping[str, Any], behind: bytes) -> Heard | None:

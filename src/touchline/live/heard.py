@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias
 
@@ -9,6 +10,9 @@ from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.types import Estimate, Evidence, ImageArray, Observation
 
 SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}  # and how many numbers each gives
+
+
+_MAX_KINDS = 20  # of refused messages that are told apart
 
 
 class Reading(NamedTuple):
@@ -59,6 +63,11 @@ class Published:
     image: bool = False
     dropped: int = 0
     after_s: float = 0.0
+
+
+def count_refused(counts: Counter[str], what: str) -> None:
+    """Count what was left out; of what senders make up no more than some kinds are kept."""
+    counts[what if what in counts or len(counts) < _MAX_KINDS else "other messages that can't be used"] += 1
 
 
 class Link(Protocol):

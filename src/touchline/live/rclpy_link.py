@@ -25,7 +25,7 @@ _NODE = "touchline"
 
 def require_rclpy() -> None:
     """Raises InputError where rclpy cannot be imported."""
-    missing = [name for name in ("rclpy", "rosidl_runtime_py", "rosbags") if find_spec(name) is None]
+    missing = [name for name in ("rclpy", "rosbags") if find_spec(name) is None]
     if missing:
         raise InputError(
             f"--rclpy: {' and '.join(missing)} cannot be imported: source ROS's setup.bash, in an environment of ROS's "
@@ -41,7 +41,6 @@ class RclpyLink(RosEnd):
         super().__init__(*options, **named)
         self._rclpy: Any = importlib.import_module("rclpy")
         self._qos: Any = importlib.import_module("rclpy.qos")
-        self._types: Any = importlib.import_module("rosidl_runtime_py.utilities")
         self._starts = not self._rclpy.ok()
         if self._starts:
             self._rclpy.init()
@@ -88,7 +87,8 @@ class RclpyLink(RosEnd):
 
     def _write(self, out: Outgoing) -> None:
         self._announce(out.topic, out.kind)
-        self._publishers[out.topic].publish(self._codec.encode(out.kind, out.message))
+        if out.topic in self._publishers:  # else its definition is not installed, which `refused` says
+            self._publishers[out.topic].publish(self._codec.encode(out.kind, out.message))
 
     def _read(self, topic: Topic) -> None:
         kind = self._message_class(topic.type)
@@ -117,7 +117,8 @@ class RclpyLink(RosEnd):
     def _message_class(self, kind: str) -> Any:
         """rclpy needs a message's own class, though its bytes are read here; None where it is not installed."""
         try:
-            return self._types.get_message(kind)
+            package, _, name = kind.split("/")
+            return getattr(importlib.import_module(f"{package}.msg"), name)
         except (ImportError, AttributeError, ValueError):
             self._unknown.add(kind)
             return None

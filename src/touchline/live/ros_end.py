@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from touchline.camera import Camera
 from touchline.errors import InputError
-from touchline.live.heard import Heard, Published
+from touchline.live.heard import Heard, Published, count_refused
 from touchline.live.ros import RosReader
 from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, Outgoing
 from touchline.live.ros_writer import RosWriter
@@ -140,7 +140,7 @@ class RosEnd(ABC):
             for role in roles - ({COMPASS} if IMU in roles else set()):
                 yield from self._reader.read(role, message, with_compass=COMPASS in roles)
         except UNUSABLE as error:
-            self._refused[f"a message of {name} that can't be used ({str(error)[:80]})"] += 1
+            count_refused(self._refused, f"a message of {name} that can't be used ({str(error)[:80]})")
 
     def _fixed(self, name: str) -> str | None:
         """The role of a topic that is known by its name, with or without the namespace."""

@@ -24,6 +24,7 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 512_000_000  # of a chunk, compressed or not: usual ones have some megabytes
+_MAX_RATIO, _SMALL_BYTES = 1000, 8_000_000  # unpacked to packed, of a chunk that unpacks to more than this
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END, _STATISTICS = 3, 4, 5, 6, 15, 11
 _RECORD, _MESSAGE_HEAD, _CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
 _LANGUAGES = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl"}
@@ -183,7 +184,7 @@ class McapBag:
         while at + _RECORD.size <= end:
             opcode, length = _RECORD.unpack_from(data, at)
             start = at + _RECORD.size
-            if start + length > end:
+            if not opcode or start + length > end:  # 0 is no record's
                 break
             if opcode != _MESSAGE or length >= _MESSAGE_HEAD.size:
                 yield at, opcode, view[start : start + length]
@@ -218,8 +219,10 @@ def _unpacked(body: bytes) -> tuple[bytes, str]:
         raise _DamageError("it was cut off")
     _, _, full_size, checksum = _CHUNK_HEAD.unpack_from(body)
     compression, at = _text(body, _CHUNK_HEAD.size)
-    if full_size > MAX_RECORD_BYTES:
-        raise _DamageError(f"it would hold {full_size / 1e6:.0f} MB")
+    if full_size > min(MAX_RECORD_BYTES, max(_SMALL_BYTES, _MAX_RATIO * len(body))):
+        raise _DamageError(f"it would hold {full_size / 1e6:.0f} MB, packed in {len(body) / 1e6:.3g} MB")
+    if at + 8 > len(body):
+        raise _DamageError("the name of its compression has no end")
     packed_size = struct.unpack_from("<Q", body, at)[0]
     packed = memoryview(body)[at + 8 : at + 8 + packed_size]
     try:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 from rosbags.interfaces import (
     Connection,
     MessageDefinitionFormat,
@@ -40,6 +41,7 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 _IDL_LINE = "=" * 80 + "\n"
 _LANGUAGES = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
 MAX_MESSAGE_BYTES = 200_000_000
+_MAX_RATIO, _SMALL_BYTES, _PART_BYTES = 100, 64_000_000, 1_000_000  # of a packed file: unpacked to packed
 _COMPUTED = re.compile(rb"\bVIRTUAL\b|\bAS\b", re.IGNORECASE)  # rosbag2 writes plain tables
 _SUCCESSORS = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 _NO_TIME = QosTime(0, 0)
@@ -188,6 +190,8 @@ class RosbagsBag:
         for path in paths:
             for file in path.glob("*.db3") if path.is_dir() else [path] if path.suffix == ".db3" else []:
                 _check_tables(file)
+            for file in path.glob("*.zstd") if path.is_dir() else ():
+                _check_packed(file)
             with _refusals(path):
                 self._readers.append(stack.enter_context(Ros1Reader(path) if ros1 else Ros2Reader(path)))
 
@@ -246,6 +250,17 @@ class RosbagsBag:
 def _sound(reader: Any) -> list[Connection]:
     """Those with a name and a type: rosbags takes over what metadata.yaml says, of whatever type."""
     return [each for each in reader.connections if isinstance(each.topic, str) and isinstance(each.msgtype, str)]
+
+
+def _check_packed(path: Path) -> None:
+    """Raises UnreadableError for a file that would unpack to far more than recorded data do."""
+    most, found = max(_SMALL_BYTES, _MAX_RATIO * path.stat().st_size), 0
+    with suppress(zstandard.ZstdError), path.open("rb") as packed:
+        reader = zstandard.ZstdDecompressor(max_window_size=MAX_MESSAGE_BYTES).stream_reader(packed)
+        while part := reader.read(_PART_BYTES):
+            found += len(part)
+            if found > most:
+                raise UnreadableError(path, f"unpacks to more than {most / 1e6:.0f} MB, {_MAX_RATIO} times its size")
 
 
 def _check_tables(path: Path) -> None:

@@ -72,7 +72,8 @@ class MarkServer:
 
             def do_POST(self) -> None:
                 length = self.headers.get("Content-Length", "")
-                if self._asked() != "save" or not length.isdecimal() or int(length[:12]) > _MAX_BYTES:
+                counts = length.isdecimal() and len(length) <= len(str(_MAX_BYTES)) and int(length) <= _MAX_BYTES
+                if self._asked() != "save" or not counts or self._is_foreign():
                     self._answer(404, "text/plain", b"not here")
                     return
                 try:
@@ -82,6 +83,11 @@ class MarkServer:
                     return
                 self._answer(200, "text/plain; charset=utf-8", ", ".join(outer.saved).encode(errors="replace"))
                 outer.stop()
+
+            def _is_foreign(self) -> bool:
+                """Whether another page sends it."""
+                origin = self.headers.get("Origin")
+                return origin is not None and origin.split("/")[-1].partition(":")[0] not in (_LOOPBACK, "localhost")
 
             def _asked(self) -> str | None:
                 """What of the page is asked for; None for whoever does not know its address."""
