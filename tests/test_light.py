@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from touchline.perception import LinePointDetector, LinePointSettings
+from touchline.perception.profiles import on_one_line
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.run import Simulation
 from touchline.types import LinePoints, Observation
@@ -70,3 +72,31 @@ def test_an_exposure_suits_what_it_sees() -> None:
     assert usual[1] == 1.0
     assert usual[0] * 0.16 * 0.05 == pytest.approx(0.2, rel=1e-3)
     assert dim == (30.0, 8.0)
+
+
+def test_a_touch_line_at_the_carpets_end_is_found_and_a_robots_foot_is_none(
+    seen_truth: tuple[Simulation, Any],
+) -> None:
+    """Carpet on one side, dark floor on the other: 3 % of it was found before."""
+    run, truth = seen_truth
+    radiance, _ = run.camera_model.paint_ratio(run.world, run.state(0.4), run.track.pose_at(0.4))
+    image = run.camera_model.sensor.develop(radiance, *light.exposed(radiance), np.random.default_rng(0))
+    recalls = []
+    for dark_floor in (False, True):
+        settings = LinePointSettings.model_validate({"paper": {"dark_floor": dark_floor}})
+        detector = LinePointDetector(run.camera, settings)
+        detector.learn([image])
+        lines, outer = light.score(run, Observation(0, detector.detect(image)), truth)
+        assert lines.precision >= 0.98
+        recalls.append(outer.recall)
+    assert recalls[0] < 0.2
+    assert recalls[1] >= 0.8
+
+
+def test_points_beside_a_floor_count_in_a_row_alone() -> None:
+    """Rows x, y, ..., px beside floor: six on a line, two aside, one with carpet on both sides."""
+    rows = np.zeros((9, 8))
+    rows[:6, 0], rows[:6, 1] = np.arange(6) * 0.25, 2.0
+    rows[6:, :2] = [[0.5, 2.6], [3.0, 0.0], [-3.0, 0.0]]
+    rows[:8, 7] = 3.0
+    np.testing.assert_array_equal(on_one_line(rows, 1.5, 0.05, 4), [True] * 6 + [False, False, True])

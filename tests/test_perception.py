@@ -288,7 +288,7 @@ def test_the_greens_end_bridges_lines_but_not_walls() -> None:
     radii = np.array([105.0, 115.0, 115.0, 145.0])
     rows = np.zeros((4, 7))
     rows[:, 2:4] = 100.0 + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
-    np.testing.assert_array_equal(inside_green(rows, 100.0, 100.0, ends, 2.0), [True, False, True, False])
+    np.testing.assert_array_equal(inside_green(rows, 100.0, 100.0, ends, np.full(4, 2.0)), [True, False, True, False])
 
 
 def samples_of(classes: npt.NDArray[np.uint8], grey: float = 200.0) -> PathSamples:

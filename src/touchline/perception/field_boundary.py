@@ -61,9 +61,12 @@ def green_ends(
 
 @njit(cache=True)
 def inside_green(
-    crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margin_px: float
+    crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margins_px: FloatArray
 ) -> npt.NDArray[np.bool_]:
-    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of one of the rays about them."""
+    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of one of the rays about them.
+
+    margins_px (N,): how far beyond it each may lie.
+    """
     rays = len(ends)
     inside = np.empty(len(crossings), dtype=np.bool_)
     for i in range(len(crossings)):
@@ -73,5 +76,5 @@ def inside_green(
         end = 0.0
         for beside in range(ray - _BESIDE, ray + _BESIDE + 2):
             end = max(end, ends[beside % rays])
-        inside[i] = np.sqrt(du * du + dv * dv) <= end + margin_px
+        inside[i] = np.sqrt(du * du + dv * dv) <= end + margins_px[i]
     return inside

@@ -38,6 +38,7 @@ from touchline.perception.profiles import (
     ProfileLimits,
     dim_carpet,
     find_line_profiles,
+    on_one_line,
 )
 from touchline.perception.scan_lines import FILL_FROM, ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import (
@@ -65,6 +66,7 @@ FLANK_PX = 4  # length of the green wanted on both sides of a line: averages noi
 MAX_RUN_PX = 60  # longest way from green through white to green: twice what a line at the robot's foot takes
 # longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter
 STEEPEST_CROSSING = 2.2
+ROW_M, ROW_ASIDE_M, ROW_POINTS = 1.5, 0.05, 4  # points beside a floor count where so many more lie on a line with them
 BLUR_PX = 3.5  # how much wider blur may make a line: lens, motion and demosaicing together
 # nothing is looked for where a pixel is longer than this on the ground: a point there would be good to 8 cm at best
 COARSEST_PX_M = 0.25
@@ -94,6 +96,12 @@ class LinePointPaper(Settings):
     )
     within_green: bool = added(
         True, paper=False, description="points beyond the end of the green are left out; false: wherever they lie"
+    )
+    dark_floor: bool = added(
+        True,
+        paper=False,
+        description="a line may have a floor darker than the carpet on one side, where several such points lie in a "
+        "row; false: carpet on both",
     )
 
 
@@ -255,7 +263,8 @@ class LinePointDetector:
             camera.inner_radius_px,
             self.green_ends_px,
         )
-        return found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
+        margins_px = 2.0 + 0.5 * found[:, 7]  # the middle of a line that the green ends at lies beyond
+        return found[inside_green(found, *camera.center, self.green_ends_px, margins_px)]
 
     def _profiles(self, model: ColourModel) -> FloatArray:
         lines, s, camera = self.scan_lines, self.settings, self.camera
@@ -268,12 +277,14 @@ class LinePointDetector:
             blur_px=BLUR_PX,
             min_cosine=MIN_WHITENESS,
             carpet=dim_carpet(model),
+            dark_floor=s.paper.dark_floor,
         )
         count = find_line_profiles(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
             (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
         )  # fmt: skip
-        return self._found[:count]
+        found = self._found[:count]
+        return found[on_one_line(found, ROW_M, ROW_ASIDE_M, ROW_POINTS)] if s.paper.dark_floor else found
 
     def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
         self.body, self._masked = body, self.scan_lines.at_samples(body)

@@ -21,7 +21,8 @@ HALVINGS = 4
 BLOCK = (
     2**HALVINGS
 )  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
-COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
+COLUMNS = 8  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path, px beside floor
+_DARK = 0.8  # of the carpet's brightness, at most, has a floor beside it that is no carpet
 
 
 class DimCarpet(NamedTuple):
@@ -50,7 +51,8 @@ class ProfileLimits(NamedTuple):
 
     min_contrast: height as a share of white over green. flank_px: green on each side. max_run_px: from green to green.
     min_chord_m, max_chord_m: way through the paint, which blur_px may make longer. min_cosine: of the excess to white.
-    carpet: its green, to know carpet that is too dark for the colour classes.
+    carpet: its green, to know carpet that is too dark for the colour classes. dark_floor: whether a line may have
+    darker floor instead of carpet on one side.
     """
 
     min_contrast: float
@@ -61,6 +63,7 @@ class ProfileLimits(NamedTuple):
     blur_px: float
     min_cosine: float
     carpet: DimCarpet
+    dark_floor: bool
 
 
 @njit(cache=True, inline="always")
@@ -144,6 +147,45 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
+def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[no-untyped-def]
+    """As `_foot`, where the carpet ends at the line: an even floor, darker than the carpet (3,) on its other side.
+
+    What contrasts with both is a line: the level of its foot is that of the darkest of three flanks.
+    """
+    top, count = values[LEVEL, peak], limits.flank_px
+    carpet = beside[0] + beside[1] + beside[2]
+    foot, base, steps = -1, np.inf, 0
+    blue = green = red = 0.0
+    room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
+    for m in range(1, min(limits.max_run_px, room) + 1):
+        k = peak + step * m
+        if top - values[LEVEL, k] < 0.5 * limits.min_contrast:
+            continue
+        level, darkest, brightest, own = 0.0, np.inf, 0.0, False
+        sums = np.zeros(3)
+        for n in range(count):
+            j = k + step * n
+            own = own or classes[j] == BODY or classes[j] == GREEN
+            total = values[0, j] + values[1, j] + values[2, j]
+            darkest, brightest = min(darkest, total), max(brightest, total)
+            level += values[LEVEL, j] / count
+            for c in range(3):
+                sums[c] += values[c, j] / count
+        even = darkest >= 0.6 * brightest or brightest < 0.2 * carpet
+        if own or not even or brightest > _DARK * carpet or sums[1] > _DARK * beside[1]:
+            if foot >= 0:
+                break
+            continue
+        if not level < base or top - level < 0.5 * limits.min_contrast:
+            break
+        foot, base, steps = k, level, steps + 1
+        blue, green, red = sums[0], sums[1], sums[2]
+        if steps == 3:
+            break
+    return foot, base, blue, green, red
+
+
+@njit(cache=True)
 def _halved(low, high):  # type: ignore[no-untyped-def]
     """The lower of each two of low, the higher of each two of high: (N,) -> (N // 2,)."""
     lower, higher = np.empty(len(low) // 2, np.float32), np.empty(len(low) // 2, np.float32)
@@ -213,26 +255,37 @@ def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
-    """Height of a peak above the green on both sides; 0 where there is no such green or no edge towards it.
+    """Height of a peak above the green on both sides, and whether one of them is a dark floor; 0 where there is no
+    such green or no edge towards it.
 
     means (2, 3), edges (2,) are filled with the mean colour of the green and the position of the edge on each side.
     """
-    feet, bases, brighter = (0, 0), (0.0, 0.0), 0.0
+    feet, bases, brighter, floors = (0, 0), (0.0, 0.0), 0.0, 0
     for side in range(2):
         foot, base, blue, green, red = _foot(values, classes, peak, 2 * side - 1, limits, span)
+        if foot < 0 and limits.dark_floor and floors == 0:
+            floors = 1
+            if side == 1:
+                beside = means[0]
+            else:
+                carpet, _, means[1, 0], means[1, 1], means[1, 2] = _foot(values, classes, peak, 1, limits, span)
+                beside = means[1]
+                if carpet < 0:
+                    return 0.0, False
+            foot, base, blue, green, red = _floor(values, classes, peak, 2 * side - 1, limits, span, beside)
         if foot < 0:
-            return 0.0
+            return 0.0, False
         feet, bases, brighter = (feet[1], foot), (bases[1], base), max(brighter, blue + green + red)
         means[side, 0], means[side, 1], means[side, 2] = blue, green, red
     if feet[1] - feet[0] > limits.max_run_px:
-        return 0.0
+        return 0.0, False
     if brighter <= limits.carpet.max_sum:  # dark on both sides: robots wear white, too
-        return 0.0
+        return 0.0, False
     for side in range(2):
         edges[side] = _edge(values, feet[side], bases[side], peak, 1 - 2 * side)
     if edges[0] < 0.0 or edges[1] <= edges[0]:
-        return 0.0
-    return values[LEVEL, peak] - max(bases[0], bases[1])
+        return 0.0, False
+    return values[LEVEL, peak] - max(bases[0], bases[1]), floors > 0
 
 
 @njit(cache=True)
@@ -246,6 +299,29 @@ def _looks_white(values, middle, means, toward, least, cosine):  # type: ignore[
         size += excess * excess
         toward_size += toward[c] * toward[c]
     return dot >= cosine * np.sqrt(size * toward_size) and dot >= least * toward_size
+
+
+@njit(cache=True)
+def on_one_line(crossings, reach_m, aside_m, others):  # type: ignore[no-untyped-def]
+    """(M,) whether crossings (M, COLUMNS) have carpet on both sides, or lie on one straight line with `others` more
+    beside a floor, all within reach_m: a robot's foot does not.
+    """
+    kept = np.ones(len(crossings), dtype=np.bool_)
+    rows = np.flatnonzero(crossings[:, 7] > 0.0)
+    for i in rows:
+        best = 0
+        for j in rows:
+            dx, dy = crossings[j, 0] - crossings[i, 0], crossings[j, 1] - crossings[i, 1]
+            size = np.hypot(dx, dy)
+            if best >= others or not 0.3 * reach_m < size < reach_m:
+                continue
+            on = 0
+            for k in rows:
+                ex, ey = crossings[k, 0] - crossings[i, 0], crossings[k, 1] - crossings[i, 1]
+                on += k != i and ex * ex + ey * ey < reach_m * reach_m and abs(ex * dy - ey * dx) < aside_m * size
+            best = max(best, on)
+        kept[i] = best >= others
+    return kept
 
 
 @njit(cache=True)
@@ -282,7 +358,7 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
                 continue
             if not _falls(values, peak, limits, span):
                 continue
-            height = _edges(values, classes, peak, limits, span, means, edges)
+            height, floor = _edges(values, classes, peak, limits, span, means, edges)
             if height <= 0.0:
                 continue
             brightness = np.sqrt(max(_size2(means[0]), _size2(means[1])) / _size2(green))
@@ -308,5 +384,6 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
             for column in range(4):
                 out[found, column] = 0.5 * (ends[0, column] + ends[1, column])
             out[found, 4], out[found, 5], out[found, 6] = height / brightness, chord, p
+            out[found, 7] = edges[1] - edges[0] if floor else 0.0
             found += 1
     return found

@@ -50,7 +50,7 @@ def find_transitions(
     found = np.empty((len(k), COLUMNS))
     found[:, :2], found[:, 2:4], found[:, 4] = camera.ground_from_image(middle), middle, 1.0
     found[:, 5] = np.hypot(*(camera.ground_from_image(inner) - camera.ground_from_image(outer)).T)
-    found[:, 6] = path[ends[k]]
+    found[:, 6], found[:, 7] = path[ends[k]], 0.0
     return found[np.isfinite(found).all(axis=1)]
 
 
