@@ -469,7 +469,7 @@ def test_an_address_is_a_port_of_this_machine_or_with_its_host() -> None:
 
 def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["live", "--field", "msl-18x12", "--udp", "28499", "--seconds", "0"]) == 0
-    assert "0 of 0 images localised" in capsys.readouterr().out
+    assert "0 of 0 images looked at" in capsys.readouterr().out
     assert main(["play", str(EXAMPLE), "--udp", "28499", "--speed", "100"]) == 0
     assert "60 images sent" in capsys.readouterr().out
 

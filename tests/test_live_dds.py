@@ -18,18 +18,22 @@ pytest.importorskip("cyclonedds", reason="no wheel of Cyclone DDS for this machi
 
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
+from foreign_bags import Types, foreign_messages, raw
+from small_recordings import borrow
 from team_writing import BOOSTER_TYPES, TeamMessages
 
+from touchline.cli import live, main
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live import ros_end
 from touchline.live.dds import DdsLink, DdsNode, DdsRobot
 from touchline.live.dds_types import Cdr, dds_name, ros_name, sample, sample_type
-from touchline.live.heard import Heard, Picture, Published, Reading, Sight, Start
+from touchline.live.heard import Described, Heard, Picture, Published, Reading, Sight, Start
 from touchline.live.ros import RosReader
 from touchline.live.ros_end import UNUSABLE
 from touchline.live.ros_topics import FIXED_TOPICS, Outgoing
 from touchline.live.ros_writer import RosWriter
+from touchline.localizer import Localizer
 from touchline.sources import open_source
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import ROLES
@@ -46,6 +50,7 @@ from touchline.types import (
 )
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+BGR8 = raw("bgr8", lambda pixels: pixels)
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.DataRepresentation(use_cdrv0_representation=True))
 RELIABLE = Qos(Policy.Reliability.Reliable(10**8), Policy.DataRepresentation(use_cdrv0_representation=True))
 
@@ -356,3 +361,45 @@ def test_the_example_s_images_are_played_as_they_are() -> None:
     (out,) = writer.played(Picture(1, data, None, None))
     assert bytes(out.message.data) == data
     assert out.message.format == "jpeg"
+
+
+def test_camera_info_and_transforms_are_the_camera_and_the_odometry(small_data: Path, tmp_path: Path) -> None:
+    """A robot that speaks by rosbags' own codec: TF at every step, CameraInfo, no odometry topic."""
+    source = open_source(borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=3))
+    types, reader = Types(), RosReader()
+    reader.odometry_by_transforms = True
+    heard: list[Heard] = []
+    kinds = {"/tf": "tf", "/tf_static": "tf", "/front/camera_info": "camera_info", "/front/image_raw": "image"}
+    for time_ns, topic, kind, message in foreign_messages(source, types, BGR8, "/front/image_raw"):
+        if topic == "/robot/odom":
+            place, turn = message.pose.pose.position, message.pose.pose.orientation
+            pose = Pose3.from_roll_pitch_yaw(0.0, 0.0, 2.0 * math.atan2(turn.z, turn.w), (place.x, place.y, 0.0))
+            moved = types.transforms(types.transform(time_ns, "odom", "base_footprint", pose))
+            topic, kind, message = "/tf", "tf2_msgs/msg/TFMessage", moved
+        if topic in kinds:
+            data = bytes(types.store.serialize_cdr(message, kind))
+            heard += reader.read(kinds[topic], Codec().decode(Topic(topic, kind, "cdr", None, 1), data))
+    (described,) = (each for each in heard if isinstance(each, Described))
+    assert described.camera.fx == pytest.approx(source.camera.fx)
+    first = heard.index(described)
+    assert not any(isinstance(each, Sight) for each in heard[:first])
+    assert sum(isinstance(each, Reading) and each.sensor == "odometry" for each in heard) > 10
+    localizer = Localizer(source.field)
+    localizer.reset(own_half=True)
+    localizer.use_camera(described.camera)
+    sight = next(each for each in heard if isinstance(each, Sight))
+    assert isinstance(sight.image, np.ndarray)
+    found = localizer.localize(sight.stamp_ns, image=sight.image, base_from_camera=sight.base_from_camera)
+    assert found.points > 0
+    assert found.pose.x < 0.0
+    assert localizer.problems == {}
+
+
+def test_a_link_that_hears_nothing_says_where_it_listens_and_fails(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "_SILENT_S", 0.2)
+    assert main(["live", "--dds", "--field", "msl-18x12", "--seconds", "1"]) == 1
+    said = capsys.readouterr().err
+    assert "no topic was found; domain 99" in said or "no topic was found; domain 1" in said
+    assert "--network goes beyond it" in said

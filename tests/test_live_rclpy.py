@@ -214,7 +214,7 @@ def test_options_that_do_not_go_with_it_are_told(
 def test_the_command_runs_as_a_node(graph: Graph, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["live", "--field", "msl-18x12", "--rclpy", "--namespace", "robot1/", "--seconds", "0.1"]) == 0
     assert "/robot1/touchline/pose" in graph.own
-    assert "0 of 0 images localised" in capsys.readouterr().out
+    assert "0 of 0 images looked at" in capsys.readouterr().out
 
 
 def test_without_tf2_msgs_the_pose_goes_out_and_it_is_said_once(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ import math
 import operator
 import threading
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
 from touchline.motion import FrameOrder, MotionHistory
 from touchline.motion.driven import EXACT_SCALES, driven
-from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
+from touchline.systems import DEFAULT_SYSTEM, LocalizationSystem, RobotSetup, open_system
 from touchline.systems.game_states import game_prior
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import (
@@ -92,7 +92,10 @@ class Localizer:
         self.camera = None if camera is None else open_camera(camera)
         setup = RobotSetup(self.field, self.camera, wheels)
         self._max_range_m = setup.max_range_m
-        made = open_system(system, setup, settings, given_seed(seed))
+        self._open: Callable[[Camera | None], LocalizationSystem] = lambda seen_by: open_system(
+            system, replace(setup, camera=seen_by), settings, given_seed(seed)
+        )
+        made = self._open(self.camera)
         made.reset()
         self.system = made
         """What localises: its particles, its settings. Only `localize` may step it."""
@@ -155,6 +158,19 @@ class Localizer:
             self._counts.add("evidence: is none, left out")
             return
         self._said.append(said)
+
+    def use_camera(self, camera: Camera) -> None:
+        """See with this camera from now on, as a robot describes it itself; localization starts anew where it was.
+
+        Raises InputError where the system takes none such.
+        """
+        made = self._open(camera)
+        with self._stepping, self._predicting:
+            made.reset(self._prior)
+            self.camera, self.system = camera, made
+            self._max_range_m = RobotSetup(self.field, camera).max_range_m
+            self._system, self._history = OrderedSystem(made, self._prior), made.history
+            self._ahead, self._last = copy.deepcopy(made.history), None
 
     def localize(
         self,
@@ -271,7 +287,7 @@ class Localizer:
             return None
         if self.camera is None:
             if not may_be_missing:
-                self._counts.add("image: no camera model was given to see it with")
+                self._counts.add("image: no camera model was given, nor came as CameraInfo and transforms")
             return None
         wanted = (self.camera.height, self.camera.width, 3)
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != wanted:

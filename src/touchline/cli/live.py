@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,13 +26,14 @@ from touchline.cli.options import (
     turn_in_rad,
 )
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.messages import counted, without_numbers
 
 if TYPE_CHECKING:
     from touchline.live.heard import Link, Published, Robot
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
+    from touchline.types import Estimate, System
     from touchline.view.viewer import LatestShown, Screen
 
 _PORT = 28400
@@ -52,6 +53,7 @@ _Topics = Annotated[
         "--topic", metavar="ROLE=/NAME", help="Of --dds, --rclpy: image, odometry, detections, …; repeatable."
     ),
 ]
+_SILENT_S = 3.0  # without an image until it is said what there is to be heard
 _EVERY_S = 1.0  # so often a line on the terminal
 _REPEAT_S = 5.0  # after which a problem that is shown is shown again
 
@@ -152,9 +154,12 @@ def live(
         interruptible() as stop,
     ):
         loop = LiveLoop(link, localizer, shown.take)
-        loop.run(lambda: stop() or (ends_s is not None and time.monotonic() > ends_s))
+        silence = _Silence(loop, link, console.print)
+        loop.run(lambda: stop() or silence.told() or (ends_s is not None and time.monotonic() > ends_s))
+    refused = link.refused
+    around = silence.words()
     link.close()
-    _tell_end(loop, {**localizer.problems, **link.refused})
+    _tell_end(loop, {**localizer.problems, **refused}, around if silence.told_once else None)
 
 
 def _with_camera(link: Link, device: str) -> Link:
@@ -248,19 +253,36 @@ def _pair(text: str | None, option: str) -> tuple[float, float] | None:
     return turn_in_rad(a, option), turn_in_rad(b, option)
 
 
+class _Silence:
+    """Says once what there is to be heard where no image comes."""
+
+    def __init__(self, loop: LiveLoop, link: Link, tell: Callable[[str], None]) -> None:
+        self._loop, self._link, self._tell = loop, link, tell
+        self._due_s = time.monotonic() + _SILENT_S
+        self.told_once = False
+
+    def told(self) -> bool:
+        """False: the loop goes on."""
+        if time.monotonic() > self._due_s and not self._loop.counts["images"]:
+            self._tell(f"nothing to localise for {_SILENT_S:g} s: {self.words()}")
+            self._due_s, self.told_once = math.inf, True
+        return False
+
+    def words(self) -> str:
+        """What could be heard."""
+        around = getattr(self._link, "around", None)
+        return f"{counted(self._loop.counts['readings'], 'sample')} of sensors" + (f"; {around()}" if around else "")
+
+
 class _Shown:
     """A line on the terminal now and then, and every image on a screen."""
 
     def __init__(self, localizer: Localizer, screen: Screen | None, name: str) -> None:
         self._last_s = 0.0
         self._shown_s: dict[str, float] = {}
-        self._localizer = localizer
+        self._localizer, self._screen, self._name = localizer, screen, name
         self._view: LatestShown | None = None
-        if screen is not None:
-            from touchline.view.viewer import LatestShown, watch_robot
-
-            view = watch_robot(screen.stream, localizer.field, localizer.camera, localizer.system, name)
-            self._view = LatestShown(view.show)
+        self._system: System | None = None  # that the view is of: a camera may be described later
 
     def close(self) -> None:
         """Show what waits on the screen."""
@@ -270,8 +292,7 @@ class _Shown:
     def take(self, published: Published) -> None:
         """One estimate of an image."""
         estimate, now_s = published.estimate, time.monotonic()
-        if self._view is not None and self._localizer.frame is not None:
-            self._view.take(self._localizer.frame, estimate)
+        self._show(estimate)
         for problem in estimate.problems:
             alike = without_numbers(problem)
             if now_s - self._shown_s.get(alike, -math.inf) > _REPEAT_S:
@@ -286,11 +307,37 @@ class _Shown:
             f"{1e3 * published.after_s:.1f} ms after the image came, {published.dropped} dropped"
         )
 
+    def _show(self, estimate: Estimate) -> None:
+        localizer = self._localizer
+        if self._screen is None or localizer.frame is None:
+            return
+        if self._system is not localizer.system:
+            from touchline.view.viewer import LatestShown, watch_robot
 
-def _tell_end(loop: LiveLoop, problems: dict[str, int]) -> None:
+            self.close()
+            self._system = localizer.system
+            stream = self._screen.stream
+            view = watch_robot(stream, localizer.field, localizer.camera, localizer.system, self._name)
+            self._view = LatestShown(view.show)
+        if self._view is not None:
+            self._view.take(localizer.frame, estimate)
+
+
+def _tell_end(loop: LiveLoop, problems: dict[str, int], around: str | None) -> None:
+    """What came and what became of it. around: what else could be heard where there was silence.
+
+    Raises TouchlineError where there was nothing to localise, or to see with.
+    """
+    from touchline.types import Status
+
     counts = loop.counts
+    by_status = ", ".join(f"{status.value} {counts[status.value]}" for status in Status)
     say(
-        f"{counts['published']} of {counts['images']} images localised, {counts['dropped']} dropped; "
-        f"{counts['readings']} samples of sensors",
+        f"{counts['published']} of {counted(counts['images'], 'image')} looked at: {by_status}; "
+        f"{counts['dropped']} dropped; {counts['readings']} samples of sensors",
         *(f"{count} × {what}" for what, count in sorted(problems.items())),
     )
+    if not counts["images"] and around is not None:
+        raise TouchlineError(f"nothing came that could be localised: {around}")
+    if not counts[Status.TRACKING.value] and any("no camera" in what for what in problems):
+        raise TouchlineError(f"none of {counted(counts['images'], 'image')} was localised: no camera is known")

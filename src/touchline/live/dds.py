@@ -127,10 +127,16 @@ class DdsLink(RosEnd):
     def __init__(self, *options: Any, network: bool = False, **named: Any) -> None:
         """As `RosEnd` has them; network: beyond this machine. Raises InputError."""
         super().__init__(*options, **named)
+        self._network = network
         self._node = DdsNode(_NODE, self._namespace, network, self._codec)
         self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
         self._qos: dict[str, Qos] = {}
         self._readers: dict[str, Any] = {}
+
+    def around(self) -> str:
+        """What is to be heard here, in words."""
+        where = "every interface" if self._network else "this machine alone (127.0.0.1): --network goes beyond it"
+        return f"{super().around()}; domain {_domain_id()} (ROS_DOMAIN_ID), {where}"
 
     def close(self) -> None:
         """Leave the network."""

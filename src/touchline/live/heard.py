@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias
 
+from touchline.camera import Camera
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.types import Estimate, Evidence, ImageArray, Observation
 
@@ -47,7 +48,14 @@ class Start:
     own_half: bool = False
 
 
-Heard: TypeAlias = Reading | Sight | Start | Evidence
+@dataclass(frozen=True, eq=False, slots=True)
+class Described:
+    """The camera, as the robot itself describes it."""
+
+    camera: Camera
+
+
+Heard: TypeAlias = Reading | Sight | Start | Evidence | Described
 
 
 @dataclass(frozen=True, eq=False, slots=True)

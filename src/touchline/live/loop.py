@@ -20,7 +20,7 @@ import cv2
 from touchline.errors import InputError
 from touchline.files.images import decode
 from touchline.geometry import Pose, wrap_angle
-from touchline.live.heard import Heard, Link, Published, Reading, Sight, Start
+from touchline.live.heard import Described, Heard, Link, Published, Reading, Sight, Start
 from touchline.localizer import Localizer
 from touchline.types import Estimate, Evidence, ImageArray
 
@@ -80,6 +80,8 @@ class LiveLoop:
                 self._carry_on(heard)
         elif isinstance(heard, Start):
             self._begin(heard)
+        elif isinstance(heard, Described):
+            self._localizer.use_camera(heard.camera)
         elif isinstance(heard, Evidence):
             said = {name: getattr(heard, name) for name in ("own_half", "place_m", "seen_m", "spread_m")}
             self._localizer.add_evidence(heard.source, heard.probability, **said)
@@ -142,6 +144,7 @@ class LiveLoop:
                 estimate, self._map_from_odom(estimate), True, self.counts["dropped"], now_s - sight.arrived_s
             )
             self.counts["published"] += 1
+            self.counts[estimate.status.value] += 1
             self._publish(published)
             self._on_published(published)
 

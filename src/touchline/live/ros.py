@@ -10,24 +10,26 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, PerspectiveCamera
+from touchline.camera import Camera, PerspectiveCamera, camera_from_mapping
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.datagrams import Datagrams
-from touchline.live.heard import Heard, Reading, Sight, Start
+from touchline.live.heard import Described, Heard, Reading, Sight, Start, count_refused
 from touchline.live.ros_topics import CLOCK, FIRST_POSE, PLANE, SAID, TRANSFORMS
 from touchline.sources.bags import roles
+from touchline.sources.bags.camera_file import camera_mapping
 from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.pixels import image_pixels
 from touchline.sources.bags.readings import attitude_of, cloud_points, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, plain
+from touchline.sources.bags.transforms import FrameTree, TransformOdometry, plain
 from touchline.sources.observations import observation_of
 from touchline.sources.truth import heading_of
 from touchline.types import MAX_OBSERVED_POINTS, Observation, points_at
@@ -48,6 +50,10 @@ class RosReader:
         self._tree = FrameTree()
         mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._track = CameraTrack(self._tree, base, mount)
+        self._info: Any = None  # CameraInfo, until transforms tell where the camera is
+        self._odometry = TransformOdometry(self._tree, base)
+        self.odometry_by_transforms = False
+        """Whether no topic is the odometry."""
         self._clock_ns: int | None = None  # of a simulator or a bag that is played
         self._datagrams = Datagrams()
         self._seen: Gathering[FeatureRow] = Gathering(_WAIT_NS)
@@ -74,7 +80,10 @@ class RosReader:
     def read(self, role: str, message: Any, with_compass: bool = False) -> Iterator[Heard]:
         """What a message of a role says; with_compass: an IMU's yaw is the heading on the field."""
         if role == TRANSFORMS:
-            self._track.moved(self._tree.update(message.transforms))
+            placed = self._tree.update(message.transforms)
+            self._track.moved(placed)
+            for stamp_ns, *planar in self._odometry.moved(placed) if self.odometry_by_transforms else ():
+                yield Reading("odometry", stamp_ns, tuple(planar))
         elif role == CLOCK:
             self._clock_ns = int(message.clock.sec) * _SECOND_NS + int(message.clock.nanosec)
         elif role == FIRST_POSE:
@@ -86,7 +95,10 @@ class RosReader:
             yield Reading("odometry", self._stamp(message), planar_pose(message))
         elif role in (roles.IMU, roles.COMPASS):
             yield from self._inertial(message, role == roles.IMU, with_compass or role == roles.COMPASS)
+        elif role == roles.CAMERA_INFO:
+            self._info = message if self._camera is None else None
         elif role == roles.IMAGE:
+            yield from self._described()
             yield from self._image(message)
         elif role == roles.POINTS:
             yield from self._points(message)
@@ -103,6 +115,18 @@ class RosReader:
             if heard is not None:
                 yield heard
 
+    def _described(self) -> Iterator[Heard]:
+        """The camera, once CameraInfo and transforms have told it."""
+        if self._info is None:
+            return
+        frame = self._info.header.frame_id
+        mapping = camera_mapping(self._info, self._track.at(frame, self._stamp(self._info)))
+        if isinstance(mapping, str):
+            count_refused(self.counted, f"an image without a camera: {mapping}; --camera FILE gives one")
+            return
+        self._camera, self._info = camera_from_mapping(mapping, Path("CameraInfo")), None
+        yield Described(self._camera)
+
     def _stamp(self, message: Any) -> int:
         """The stamp of a message's header (ns); of one without, the time now by /clock, else by this machine, less the
         delay.
@@ -117,7 +141,7 @@ class RosReader:
         if not in_pixels(message):
             return feature_rows(role, message, self._base_from(message))
         if self._camera is None:
-            raise InputError("features in pixels need --camera")
+            raise InputError("features in pixels need a CameraInfo beside an image, or --camera")
         return pixel_feature_rows(role, message, self._track.view(self._camera, message.header.frame_id, stamp_ns))
 
     def _inertial(self, message: Any, rates_too: bool, with_compass: bool) -> Iterator[Heard]:

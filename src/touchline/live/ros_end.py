@@ -14,7 +14,7 @@ from touchline.live.ros import RosReader
 from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, Outgoing
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.roles import COMPASS, DETECTION_TOPIC, DETECTIONS, IMU, ROLES, choose_topics
+from touchline.sources.bags.roles import COMPASS, DETECTION_TOPIC, DETECTIONS, IMU, ODOMETRY, ROLES, choose_topics
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemLog
 
@@ -98,6 +98,11 @@ class RosEnd(ABC):
     def _write(self, out: Outgoing) -> None:
         """Publish a message."""
 
+    def around(self) -> str:
+        """What is to be heard here, in words."""
+        names = [f"{name} ({topic.type})" for name, topic in sorted(self._seen.items())]
+        return f"topics that were found: {', '.join(names)[:600]}" if names else "no topic was found"
+
     @property
     def topics(self) -> dict[str, str]:
         """What is read: role -> topic."""
@@ -115,6 +120,8 @@ class RosEnd(ABC):
         if self._news_s and time.monotonic() > self._news_s + SETTLE_S:
             self._news_s = 0.0
             new += self._choose()
+            read = {*self.topics, *(role for role, _ in new)}
+            self._reader.odometry_by_transforms = ODOMETRY not in read | set(self._named)
         opened = {topic.name: topic for _, topic in new if topic.name not in self._chosen}
         for role, topic in new:
             self._chosen.setdefault(topic.name, set()).add(role)
