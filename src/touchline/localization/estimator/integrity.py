@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
-from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, ROTATION, STEP_S, Culprit, MotionRelation
+from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, STEP_S, Culprit, MotionRelation
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
@@ -45,7 +45,6 @@ CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by h
 VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic from which no bound can be given
-IN_PLACE_M, TURNED_RAD = 0.1, 0.3  # a turn in place that no odometry tells
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 
@@ -234,7 +233,7 @@ class Integrity:
         self.confirmed = self.confirmed or self._proved or not moves
 
     def _take_jump(self, stamp_ns: int, pose: Pose, predicted: Pose) -> None:
-        """A pose that jumps to just where a mirrored or turned image would put it."""
+        """A pose that jumps to just where a mirrored image would put it, or along its own way."""
         off_m, turn = pose.distance_to(predicted), wrap_angle(pose.heading - predicted.heading)
         x, y, heading = predicted
         for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
@@ -246,10 +245,6 @@ class Integrity:
                 return
         if off_m > MIN_LAG_M:
             self._take_lag(pose, predicted)
-        if off_m < IN_PLACE_M and abs(turn) > TURNED_RAD:
-            text = f"images are turned by {math.degrees(-turn):.0f}° against the wheels"
-            self.verdict = Verdict(False, True, text, since_ns=stamp_ns)
-            self.relation.suspect(ROTATION, -turn)
 
     def _take_lag(self, pose: Pose, predicted: Pose) -> None:
         """A pose that jumps along its own way: so it does when the camera's clock is set."""
