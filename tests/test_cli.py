@@ -281,7 +281,7 @@ def test_an_unknown_side_of_the_field_is_told(
     assert main(["run", str(recording), "--system", "fake"]) == 0
     (line,) = [line for line in told(capsys)[0].splitlines() if "the other end" in line]
     assert line.startswith(
-        "in 11 of 12 images the robot may as well stand at the other end of the field (at last x 1.4"
+        "in 11 of 12 images the robot may as well stand at the other end of the field (the other: at last x 1.4"
     )
     assert "--own-half or --start tells which" in line
     assert json.loads(Path("runs/tiny-1/summary.json").read_text())["either_side"]["count"] == 11

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -522,3 +522,25 @@ def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> Non
         port = taken.getsockname()[1]
         assert main(["live", "--field", "msl-18x12", "--udp", str(port)]) != 0
     assert "in use" in capsys.readouterr().err
+
+
+def test_evidence_of_others_counts_only_where_it_was_asked_for() -> None:
+    said = Evidence("made up", 0.99, own_half=False)
+
+    class Once:
+        refused: ClassVar[dict[str, int]] = {}
+        waiting: ClassVar[list[Evidence]] = [said]
+
+        def hear(self, timeout_s: float) -> list[Heard]:
+            return [self.waiting.pop()] if self.waiting else []
+
+        def publish(self, published: Published) -> None: ...
+
+        def close(self) -> None: ...
+
+    localizer = Localizer("msl-18x12")
+    link = Once()
+    loop = LiveLoop(link, localizer, team_evidence=False)
+    loop.run(lambda: not link.waiting)
+    assert loop.counts["evidence"] == 1
+    assert not localizer._said

@@ -413,7 +413,7 @@ def test_a_told_end_that_nothing_confirms_is_not_called_known(tmp_path: Path) ->
         tmp_path, either_side=found, prior={"pose": None, "own_half": True}, said=[{"t": 1.0, "what": "so"}]
     )
     assert "undecided which end of the field it is: in 7 of 30 images nothing but the start that was told" in page
-    assert "(5 %, at last x 1.00 m" in page
+    assert "(the other: 5 %, at last x 1.00 m" in page
     assert "1.00 s: so" in page
 
 

@@ -65,6 +65,8 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
         if interrupted():  # a library made something else of it
             return _complain("interrupted", INTERRUPTED)
         message = f"{type(error).__name__}: {error}"
+        if type(error).__name__ in ("UnpicklingError", "EOFError"):  # of an index that was cut off
+            message += "; if of a compiled loop, delete the files *.nbi and *.nbc beside the package"
         return _complain(f"unexpected {message} (touchline --debug {' '.join(given)} shows the traceback)", 1)
     if status == INTERRUPTED:  # Typer's word for a Ctrl-C
         return _complain("interrupted", INTERRUPTED)

@@ -89,6 +89,9 @@ def live(
     config: ConfigFile = None,
     settings: Overrides = None,
     seconds: Annotated[float | None, typer.Option(min=0, help="End after so long.")] = None,
+    team_evidence: Annotated[
+        bool, typer.Option("--team-evidence", help="What others say of where the robot is counts; anybody may say it.")
+    ] = False,
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
@@ -153,7 +156,7 @@ def live(
         announce_compiling(console.print),
         interruptible() as stop,
     ):
-        loop = LiveLoop(link, localizer, shown.take)
+        loop = LiveLoop(link, localizer, shown.take, team_evidence)
         silence = _Silence(loop, link, console.print)
         loop.run(lambda: stop() or silence.told() or (ends_s is not None and time.monotonic() > ends_s))
     refused = link.refused
@@ -337,6 +340,8 @@ def _tell_end(loop: LiveLoop, problems: dict[str, int], around: str | None) -> N
         f"{counts['dropped']} dropped; {counts['readings']} samples of sensors",
         *(f"{count} × {what}" for what, count in sorted(problems.items())),
     )
+    if counts["evidence"]:
+        say(f"{counts['evidence']} × evidence of others, left out: --team-evidence lets it count")
     if not counts["images"] and around is not None:
         raise TouchlineError(f"nothing came that could be localised: {around}")
     if not counts[Status.TRACKING.value] and any("no camera" in what for what in problems):

@@ -116,13 +116,13 @@ def other_side_text(summary: dict[str, Any]) -> str:
     if prior["pose"] is None and not prior["own_half"]:
         sure = "" if twin is None else f"; there with {100 * twin:.0f} %"
         return (
-            f"{images} the robot may as well stand at the other end of the field (at last {pose}{sure}); "
+            f"{images} the robot may as well stand at the other end of the field (the other: at last {pose}{sure}); "
             "--own-half or --start tells which"
         )
     sure = "" if twin is None else f"{100 * twin:.0f} %, "
     return (
         f"undecided which end of the field it is: {images} nothing but the start that was told speaks against the "
-        f"other end ({sure}at last {pose})"
+        f"other end (the other: {sure}at last {pose})"
     )
 
 

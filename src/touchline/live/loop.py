@@ -35,9 +35,17 @@ class LiveLoop:
     """Between a link and a localizer. `run` returns when `stop` says so."""
 
     def __init__(
-        self, link: Link, localizer: Localizer, on_published: Callable[[Published], None] = lambda published: None
+        self,
+        link: Link,
+        localizer: Localizer,
+        on_published: Callable[[Published], None] = lambda published: None,
+        team_evidence: bool = True,
     ) -> None:
-        """on_published: called with every estimate of an image, by the thread that localises."""
+        """on_published: called with every estimate of an image, by the thread that localises.
+
+        team_evidence: what others say by the link counts.
+        """
+        self._team_evidence = team_evidence
         self._link, self._localizer, self._on_published = link, localizer, on_published
         self._adds: dict[str, Callable[..., None]] = {
             "odometry": localizer.add_odometry,
@@ -82,6 +90,8 @@ class LiveLoop:
             self._begin(heard)
         elif isinstance(heard, Described):
             self._localizer.use_camera(heard.camera)
+        elif isinstance(heard, Evidence) and not self._team_evidence:
+            self.counts["evidence"] += 1
         elif isinstance(heard, Evidence):
             said = {name: getattr(heard, name) for name in ("own_half", "place_m", "seen_m", "spread_m")}
             self._localizer.add_evidence(heard.source, heard.probability, **said)
