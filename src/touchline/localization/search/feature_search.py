@@ -31,12 +31,13 @@ class FeatureSearch:
         self.proposals, self.registration, self.symmetric = proposals, registration, symmetric
 
     def modes(
-        self, seen: Seen, view: FeatureView, expected: StatePrior, response: Response, known: Sequence[Known] = ()
-    ) -> tuple[Mode, ...]:
+        self, seen: Seen, view: FeatureView, expected: StatePrior, response: Response, known: Sequence[Known] = (),
+        part: tuple[int, int] = (0, 1),
+    ) -> tuple[Mode, ...]:  # fmt: skip
         """The registered poses, the likeliest first; none of an image that gives no position.
 
         view: the same as `seen`, without the lean that is known. expected: what is known of the camera; its pose is not
-        used. known: of the pose.
+        used. known: of the pose. part: which of so many parts of the proposed poses, every nth, are registered.
         """
         proposed = self.proposals.of(view)
         information = expected.information.copy()
@@ -44,7 +45,7 @@ class FeatureSearch:
         information[:3, :3] = ANYWHERE_INFORMATION
         found: list[Mode] = []
         order = np.argsort(-proposed.log_likelihoods, kind="stable")
-        for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD):
+        for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD)[part[0] :: part[1]]:
             start = expected.mean.copy()
             start[:3] = proposed.poses[order[index]]
             fit = self.registration.fit_state(seen, start, StatePrior(start, information), TRACKING, response)

@@ -61,13 +61,13 @@ class FieldSearch:
 
     def modes(self, searched: Searched, known: Sequence[Known] = (), part: tuple[int, int] = WHOLE) -> tuple[Mode, ...]:
         """The likeliest first. known: of the pose. part: which of so many parts, so that a search can be shared out
-        among images; features are searched for in the first one.
+        among images.
         """
         seen, found = searched.seen, tuple[Mode, ...]()
         if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(searched.view.lines.ends_m)):
             found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
-        if searched.view.size and part[0] == 0:
-            more = self.features.modes(seen, searched.view, searched.expected, searched.response, known)
+        if searched.view.size:
+            more = self.features.modes(seen, searched.view, searched.expected, searched.response, known, part)
             poses = [one.pose for one in found]
             found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
         return found
