@@ -80,11 +80,13 @@ def steps_shown(title: str, total: int, compiles: bool = False) -> Iterator[Call
             yield lambda *_: progress.advance(task)
 
 
-def print_errors(errors: ErrorTable) -> None:
-    """The error statistics, cm and degrees, and what was left out of them."""
+def print_errors(errors: ErrorTable, tracked: Iterable[tuple[str, list[str]]] = ()) -> None:
+    """The error statistics, cm and degrees, and what was left out of them. tracked: rows of tracked images alone."""
     from touchline.evaluation.metrics import COLUMNS
 
-    output().print(plain_table("error", *COLUMNS, rows=((name, *values) for name, values in errors.rows())))
+    output().print(
+        plain_table("error", *COLUMNS, rows=((name, *values) for name, values in (*tracked, *errors.rows())))
+    )
     say(*errors.notes(), style="dim")
 
 

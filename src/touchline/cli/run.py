@@ -37,7 +37,9 @@ from touchline.messages import counted
 if TYPE_CHECKING:
     from touchline.api import PreparedRun
     from touchline.evaluation import Run
+    from touchline.evaluation.run_data import RunData
     from touchline.evaluation.runner import OnFrame
+    from touchline.field import FieldModel
     from touchline.geometry import Pose
     from touchline.sources import Recording
     from touchline.view.viewer import Screen
@@ -166,7 +168,7 @@ def execute(
     folder = new_folder(output, name or prepared.source.name)
     with frame_progress(prepared.source) as (advance, stop):
         finished, failure = prepared.execute(folder, on_frame=[advance, *on_frame], stop=stop)
-    print_run(finished)
+    print_run(finished, prepared.source.field)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
             raise failure
@@ -218,14 +220,14 @@ def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bo
         yield advance, stop
 
 
-def print_run(finished: Run) -> None:
+def print_run(finished: Run, field: FieldModel) -> None:
     """The error table, rates, problems and where the report is."""
-    from touchline.evaluation.report import other_side_text
+    from touchline.evaluation.report import other_side_text, tracked_rows
     from touchline.evaluation.runner import said_text
 
     summary = finished.summary
     if finished.errors is not None:
-        print_errors(finished.errors)
+        print_errors(finished.errors, tracked_rows(_run_data(finished, field).tracked_errors()))
     else:
         say(f"no errors to show: {finished.why_no_errors}")
     _print_speed(summary)
@@ -241,6 +243,15 @@ def print_run(finished: Run) -> None:
         doubts.append(f"problems of the recording: {kinds} (touchline check lists them)")
     say(*doubts, style="yellow")
     say(f"report: {finished.report}")
+
+
+def _run_data(finished: Run, field: FieldModel) -> RunData:
+    from touchline.evaluation.metrics import signed_errors
+    from touchline.evaluation.run_data import RunData
+
+    truth = finished.truth
+    errors = None if truth is None else signed_errors(finished.estimates.trajectory, truth)
+    return RunData(finished.estimates, field, truth, errors, finished.black_ns())
 
 
 def _counts(counts: dict[str, int]) -> str:

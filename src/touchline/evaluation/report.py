@@ -190,7 +190,7 @@ def _error_table(errors: ErrorTable | None, summary: dict[str, Any], data: RunDa
         why = summary["why_no_errors"]
         return f"<section><h2>Errors</h2><p>{html.escape(why[:1].upper() + why[1:])}.</p></section>"
     head = "".join(f"<th>{title}</th>" for title in COLUMNS)
-    printed = [*_tracked_rows(data.tracked_errors()), *errors.rows()]
+    printed = [*tracked_rows(data.tracked_errors()), *errors.rows()]
     rows = "".join(
         f"<tr><th>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for name, values in printed
     )
@@ -201,7 +201,7 @@ def _error_table(errors: ErrorTable | None, summary: dict[str, Any], data: RunDa
     )
 
 
-def _tracked_rows(tracked: dict[str, ErrorStatistics] | None) -> list[tuple[str, list[str]]]:
+def tracked_rows(tracked: dict[str, ErrorStatistics] | None) -> list[tuple[str, list[str]]]:
     """Rows of the tracked images alone, which come first; none where they are all that count."""
     if tracked is None:
         return []
