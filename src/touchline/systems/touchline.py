@@ -362,6 +362,7 @@ class Touchline:
         bound_m, bound_rad = None, None
         if status is Status.TRACKING:
             bound_m, bound_rad = self.safeguard.integrity.protection(covariance, self.delay.corrected_s) or (None, None)
+            reason = reason or (self.safeguard.integrity.unbounded if bound_m is None else "")
         return Estimate(
             observation.stamp_ns,
             pose,

@@ -161,6 +161,13 @@ class Integrity:
             "repetition": self._repeated_s / REPEATED_S,
         }
 
+    @property
+    def unbounded(self) -> str:
+        """Why no bound is given of a pose that is tracked."""
+        others = {name: value for name, value in self.statistics.items() if name != CAMERA}
+        worst = max(others, key=lambda name: others[name], default="")
+        return f"no bound can be given: {worst or 'nothing'} is {100.0 * others.get(worst, 0.0):.0f} % of an alarm"
+
     def protection(self, covariance: FloatArray, late_s: float) -> tuple[float, float] | None:
         """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none can
         be given. covariance (3, 3): of the pose; late_s: as how late images are corrected.
