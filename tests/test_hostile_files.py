@@ -5,11 +5,13 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zstandard
 from foreign_bags import EPOCH_NS, Types, cloud, write_foreign
 from mcap.opcode import Opcode
 
+from touchline.camera.model_free import table_radii
 from touchline.errors import InputError
 from touchline.live.datagrams import Datagrams
 from touchline.sources import BagOptions, open_source
@@ -78,3 +80,9 @@ def test_kinds_of_refused_messages_that_a_sender_makes_up_are_bounded() -> None:
         datagrams.read(b'{"kind": "seen", "stamp_ns": 1, "rows": [{"kind": "L%d"}]}' % number)
     assert len(datagrams.refused) <= 21
     assert sum(datagrams.refused.values()) >= 5000
+
+
+def test_a_mirror_that_is_tilted_too_far_is_told() -> None:
+    radii = np.full((8, 15), np.nan)
+    with pytest.raises(InputError, match="tilted too far"):
+        table_radii(radii, np.ones(15))

@@ -12,6 +12,7 @@ import numpy as np
 
 from touchline.camera.omni import OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
+from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
 SUPPORT = 4  # nearest support vectors of an interpolation: one polynomial through 15 amplifies their noise 277-fold
@@ -56,11 +57,13 @@ def periodic_lagrange(angles_rad: FloatArray, y: FloatArray, at_rad: FloatArray,
 
 def table_radii(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
     """The radii (R,) of a table for edges at radii (B, E), whole pixels: from the first edge of any direction to the
-    last of any, and further as far as every direction can be continued.
+    last of any, and further as far as every direction can be continued. Raises InputError where an edge is not seen.
     """
     inner, outer = _ends(radii_px, ranges_m)
     first = min(float(radii_px[:, 0].min()) - 1.0, float(inner.max()))
     last = max(float(radii_px[:, -1].max()) + 1.0, float(outer.min()))
+    if not np.isfinite((first, last)).all():
+        raise InputError("edges of the strip lie where the mirror shows no ground: it is tilted too far to calibrate")
     return np.arange(max(np.floor(first), 0.0), np.ceil(last) + 1.0)
 
 
