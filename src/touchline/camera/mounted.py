@@ -143,14 +143,15 @@ def corner_radius(camera: LensCamera) -> float:
 
 
 def corrected(camera: Lens, errors: FloatArray, angles_rad: FloatArray) -> Lens:
-    """The camera without errors (4,): roll, pitch (rad) that it has more than its mount says, relative errors of its
-    height and of `plane_radius`. angles_rad (N,): to the optical axis, at which it saw something; a lens with
+    """The camera without errors (4,): roll, pitch (rad) about its own forward and left that it has more than its mount
+    says, relative errors of its height and of `plane_radius`. angles_rad (N,): to the optical axis, at which it saw something; a lens with
     distortion widens them by more than its focal length shrinks.
     """
     roll, pitch, height, wide = errors.tolist()
     pose = camera.base_from_camera
     place = pose.translation_m * np.array([1.0, 1.0, 1.0 + height])
-    mount = Pose3(_turn(roll, pitch) @ pose.rotation, place)
+    facing = Pose3.from_roll_pitch_yaw(0.0, 0.0, math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])).rotation
+    mount = Pose3(facing @ _turn(roll, pitch) @ facing.T @ pose.rotation, place)
     middle, known = np.array([camera.cx, camera.cy]), camera.plane_radius(angles_rad)
     directions = np.column_stack((np.cos(angles_rad), -np.sin(angles_rad), np.zeros(len(angles_rad))))
     offsets = camera.image_from_camera(directions) - middle

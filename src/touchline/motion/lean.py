@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from touchline.geometry import Pose3
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import MAX_VALUE, Frame, Samples
 
@@ -52,11 +53,17 @@ class LeanFilter:
         return self._offset[0] + roll, self._offset[1] + pitch
 
     def at_image(self, frame: Frame, late_ns: int = 0) -> Frame:
-        """Add a frame's samples; the frame, with the lean late_ns before its stamp in the place of the angles."""
+        """Add a frame's samples; the frame, with the lean late_ns before its stamp in the place of the angles, and with
+        the camera's pose, which holds the same late angles, turned on by the rates.
+        """
         self.add(frame)
         lean = self.lean(frame.stamp_ns - late_ns)
         tilt = None if lean is None else Samples(np.array([frame.stamp_ns]), np.array([lean]))
-        return replace(frame, tilt=tilt)
+        camera = frame.base_from_camera
+        if camera is not None:
+            now, then = self.turned(frame.stamp_ns - late_ns), self.turned(frame.stamp_ns - round(LAG_S * NANOSECONDS))
+            camera = Pose3.from_roll_pitch_yaw(now[0] - then[0], now[1] - then[1]).compose(camera)
+        return replace(frame, tilt=tilt, base_from_camera=camera)
 
     def _integrate(self, stamp_ns: int, roll_rad_s: float, pitch_rad_s: float) -> None:
         roll = pitch = 0.0

@@ -14,8 +14,8 @@ from pydantic import Field
 
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.camera_errors import camera_errors
-from touchline.localization.camera_errors.base import CameraErrors, placed_points
-from touchline.localization.camera_errors.perspective import HEIGHT_M
+from touchline.localization.camera_errors.base import CameraErrors, Response, placed_points
+from touchline.localization.camera_errors.perspective import HEIGHT_M, ahead
 from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, could_be_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
@@ -38,7 +38,6 @@ from touchline.localization.search.pose_search import Known, Mode, contradiction
 from touchline.motion import CompassTrackSettings, LeanFilter, MotionHistory, OdometrySettings
 from touchline.motion.delayed import until_stamp
 from touchline.motion.driven import Scales
-from touchline.motion.lean import LAG_S
 from touchline.motion.start import StartSettings
 from touchline.perception import detector_for, observe
 from touchline.systems.setup import RobotSetup, system_text
@@ -235,13 +234,16 @@ class Touchline:
         part = self.watch.part(self.judged.is_in_doubt(self.bank.best))
         if part is None:
             return ()
-        view, known = self._view(observation, self.bank.knowing, frame), self._known(self._compass(frame))
-        return self.watch.modes(image, view, self.bank, known, part, Ends(self.end.symmetric, self.own_half))
+        known, ends = self._known(self._compass(frame)), Ends(self.end.symmetric, self.own_half)
 
-    def _view(self, observation: Observation, knowing: Filter, frame: Frame) -> FeatureView:
-        """The features of an image, without the camera's errors that a filter knows."""
-        response = self.errors.response(frame)
-        return self.features.of(observation, lambda points: placed_points(points, knowing.errors, response))
+        def view_at(errors: FloatArray) -> FeatureView:
+            return self._view(observation, errors, image.response)
+
+        return self.watch.modes(image, view_at, self.bank, known, part, ends)
+
+    def _view(self, observation: Observation, errors: FloatArray, response: Response) -> FeatureView:
+        """The features of an image without errors (K,) of the camera."""
+        return self.features.of(observation, lambda points: placed_points(points, errors, response))
 
     def _compass(self, frame: Frame) -> float | None:
         """The compass heading (rad) when the image was taken; None where none counts."""
@@ -273,7 +275,7 @@ class Touchline:
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(_compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell:
-            end.update_from_colours(self._view(observation, best.filter, frame), best.filter.pose)
+            end.update_from_colours(self._view(observation, best.filter.errors, self.errors.response(frame)), best.filter.pose)
         end.update_from_team(frame.evidence, best.filter.pose, seconds)
         if end.is_refuted:
             self.problems = (end.refutation,)
@@ -328,9 +330,10 @@ class Touchline:
         elif frame.image is None or best.explained < self.settings.min_explained:
             return
         else:
-            lean_rad = best.fit.state[3:5] - best.filter.errors[:2]
-            lag_s = LAG_S if pans else self._estimated_delay_s
-            delay_s, deviation_s = self.sway.update(lean_rad, self.leaning, frame.stamp_ns, lag_s)
+            roll, pitch = (best.fit.state[3:5] - best.filter.errors[:2]).tolist()
+            x, y = ahead(self.errors.response(frame).axis)
+            lean_rad = np.array([x * roll - y * pitch, y * roll + x * pitch])
+            delay_s, deviation_s = self.sway.update(lean_rad, self.leaning, frame.stamp_ns, self._estimated_delay_s)
         problem = self.delay.update(delay_s, deviation_s, correctable=not pans)
         self.problems += () if problem is None else (problem,)
         if self.setup.walks:

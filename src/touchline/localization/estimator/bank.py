@@ -23,6 +23,7 @@ from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.measurement import Measurement
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
+from touchline.localization.registration.attitudes import fit_leaning
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
@@ -236,13 +237,16 @@ class Bank:
         return [pose + deviations * step for step in itertools.product((0.0, -1.0, 1.0), repeat=3)]
 
     def _fitted(self, one: Filter, image: Image, start: FloatArray, plan: Plan | None = None) -> Member:
-        """What a filter makes of an image, registered from a pose (3,); None: as widely as it is unsure."""
+        """What a filter makes of an image, registered from a pose (3,); None: as widely as it is unsure.
+
+        Where that explains too little, other attitudes of the camera are tried.
+        """
         shift = self._shift_of(one, image)
         expected = one.prior(self.statistics.per_image, shift)
         state = np.concatenate((start, one.errors))
         state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
         wide = self.statistics.plan_of(one) if plan is None else plan
-        fit = self.registration.fit_state(image.seen, state, expected, wide, image.response)
+        fit = fit_leaning(self.registration, image.seen, state, expected, wide, image.response)
         log_evidence = fit.log_likelihood - fit.contradiction
         fit = downweight_sparse_direction(fit, len(image.seen.positions_m) + FEATURE_POINTS * len(image.seen.raw_m))
         fit = fit if shift is None else inflate_along_motion(fit, shift)

@@ -9,6 +9,7 @@ import numpy as np
 
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.estimator.bank import Image
+from touchline.localization.registration.attitudes import fit_leaning
 from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import FOLLOWING, UNSETTLED, Registration
@@ -98,7 +99,8 @@ class VisualMotion:
         information = np.zeros((len(state), len(state)))
         information[:3, :3] = _ANY
         information[3:, 3:] = inverse(camera.covariance + 1e-12 * np.eye(len(state) - 3))
-        joint = self._registration.fit_state(image.seen, state, StatePrior(state, information), plan, image.response)
+        expected = StatePrior(state, information)
+        joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
         covariance = inverse(joint.information + information)[:3, :3]
         covariance *= 1.0 if camera.all_round else SECTOR_RATIO
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from touchline.geometry import Pose
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
 from touchline.localization.registration.feature_model import FeatureView
@@ -51,16 +51,22 @@ class FieldWatch:
         return self._part, parts
 
     def modes(
-        self, image: Image, view: FeatureView, bank: Bank, known: Sequence[Known], part: tuple[int, int], ends: Ends
+        self,
+        image: Image,
+        view_at: Callable[[FloatArray], FeatureView],
+        bank: Bank,
+        known: Sequence[Known],
+        part: tuple[int, int],
+        ends: Ends,
     ) -> tuple[Mode, ...]:
-        """Poses that explain an image; on a symmetric field one of each pair of twins. view: its features, without the
-        camera's errors that are known; known: of the pose.
+        """Poses that explain an image; on a symmetric field one of each pair of twins. view_at: its features without
+        errors (K,) of the camera; known: of the pose.
         """
         best, knowing, trust = bank.best, bank.knowing, bank.trust
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        searched = Searched(seen, view, upright, expected, image.response, trust.free_fit)
+        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit)
         modes = self.search.modes(searched, known, part)
         if part != WHOLE and trust.free_fit and best is not None and best.fit is not None:
             min_likely = best.fit.log_likelihood / POINT_SHARE - HOPELESS

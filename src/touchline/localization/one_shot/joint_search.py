@@ -20,7 +20,7 @@ from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
-from touchline.localization.registration.feature_model import best_place
+from touchline.localization.registration.feature_model import FeatureView, best_place
 from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.localization.registration.registration import TRACKING
 from touchline.localization.registration.seen import seen_of
@@ -69,13 +69,15 @@ class JointSearch:
 
     def fits(self, starts: Sequence[Pose], known: Known | None = None) -> list[JointFit]:
         """From the poses that the search finds and from starts, the likeliest first. known: of the pose."""
-        view, seen = self._features.of(self._observation), self.seen
-        searched = Searched(
-            seen, view, seen.positions_m, self._prior, self._response, all_round=self.errors.trust.free_fit
-        )
+        seen, all_round = self.seen, self.errors.trust.free_fit
+        searched = Searched(seen, self._view_at, seen.positions_m, self._prior, self._response, all_round)
         modes = self._search.modes(searched, () if known is None else (known,))
         fits = [self._fit(pose) for pose in (*(mode.pose for mode in modes), *starts)]
         return sorted(fits, key=lambda one: -one.log_likelihood)
+
+    def _view_at(self, errors: FloatArray) -> FeatureView:
+        """The features without errors (K,) of the camera."""
+        return self._features.of(self._observation, lambda points: placed_points(points, errors, self._response))
 
     def corrected(self, fit: JointFit) -> FloatArray:
         """The line points (N, 2), robot frame, as a camera without the errors of a fit would have seen them."""

@@ -31,25 +31,28 @@ class FeatureSearch:
         self.proposals, self.registration, self.symmetric = proposals, registration, symmetric
 
     def modes(
-        self, seen: Seen, view: FeatureView, expected: StatePrior, response: Response, known: Sequence[Known] = (),
-        part: tuple[int, int] = (0, 1),
+        self, seen: Seen, views: Sequence[tuple[FloatArray, FeatureView]], expected: StatePrior, response: Response,
+        known: Sequence[Known] = (), part: tuple[int, int] = (0, 1),
     ) -> tuple[Mode, ...]:  # fmt: skip
         """The registered poses, the likeliest first; none of an image that gives no position.
 
-        view: the same as `seen`, without the lean that is known. expected: what is known of the camera; its pose is not
-        used. known: of the pose. part: which of so many parts of the proposed poses, every nth, are registered.
+        views: errors (K,) that the camera may have, and the same as `seen` without them. expected: what is known of the
+        camera; its pose is not used. known: of the pose. part: which of so many parts of the proposed poses, every nth,
+        are registered.
         """
-        proposed = self.proposals.of(view)
         information = expected.information.copy()
         information[:3], information[:, :3] = 0.0, 0.0
         information[:3, :3] = ANYWHERE_INFORMATION
         found: list[Mode] = []
-        order = np.argsort(-proposed.log_likelihoods, kind="stable")
-        for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD)[part[0] :: part[1]]:
-            start = expected.mean.copy()
-            start[:3] = proposed.poses[order[index]]
-            fit = self.registration.fit_state(seen, start, StatePrior(start, information), TRACKING, response)
-            found.append(self._mode(fit, information, known))
+        for errors, view in views:
+            proposed = self.proposals.of(view)
+            order = np.argsort(-proposed.log_likelihoods, kind="stable")
+            for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD)[part[0] :: part[1]]:
+                pose = proposed.poses[order[index]]
+                prior = StatePrior(np.concatenate((pose, expected.mean[3:])), information)
+                start = np.concatenate((pose, errors))
+                fit = self.registration.fit_state(seen, start, prior, TRACKING, response)
+                found.append(self._mode(fit, information, known))
         found.sort(key=lambda mode: -mode.log_likelihood)
         kept = [
             found[k] for k in distinct(np.array([mode.pose for mode in found]).reshape(-1, 3), STARTS, SAME_M, SAME_RAD)

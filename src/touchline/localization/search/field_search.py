@@ -6,7 +6,7 @@ Line points are looked for on a grid of poses (`PoseSearch`), lines, crossings a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from touchline.field import FieldModel
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import Response
+from touchline.localization.registration.attitudes import likely_attitudes
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.joint import Seen, StatePrior
@@ -31,13 +32,13 @@ SAME_M, SAME_RAD = 0.3, 0.2  # modes of points and of features nearer than this 
 
 
 class Searched(NamedTuple):
-    """An image to be searched for: what it shows, the same as features without the lean that is known, its line points
-    (N, 2) without the camera's errors that are known, and what is expected of pose and camera. all_round: whether it
-    shows the whole field; pairs of the lines of a sector fit fewer places than its points.
+    """An image to be searched for: what it shows, the same as features without errors (K,) of the camera, its line
+    points (N, 2) without those that are known, and what is expected of pose and camera. all_round: whether it shows the
+    whole field; pairs of the lines of a sector fit fewer places than its points, and tell how its camera leans.
     """
 
     seen: Seen
-    view: FeatureView
+    view_at: Callable[[FloatArray], FeatureView]
     upright_m: FloatArray
     expected: StatePrior
     response: Response
@@ -64,10 +65,21 @@ class FieldSearch:
         among images.
         """
         seen, found = searched.seen, tuple[Mode, ...]()
-        if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(searched.view.lines.ends_m)):
+        view = searched.view_at(searched.expected.mean[3:])
+        if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(view.lines.ends_m)):
             found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
-        if searched.view.size:
-            more = self.features.modes(seen, searched.view, searched.expected, searched.response, known, part)
+        if view.size:
+            views = self._views(searched, view)
+            more = self.features.modes(seen, views, searched.expected, searched.response, known, part)
             poses = [one.pose for one in found]
             found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
         return found
+
+    def _views(self, searched: Searched, view: FeatureView) -> list[tuple[FloatArray, FeatureView]]:
+        """The attitudes, as errors (K,) of the camera, that are searched, each with what is seen without them."""
+        expected = searched.expected
+        if searched.all_round:
+            return [(expected.mean[3:], view)]
+        as_seen = searched.view_at(np.zeros(len(expected.mean) - 3)).lines
+        attitudes = likely_attitudes(as_seen, expected, searched.response)
+        return [(errors, searched.view_at(errors)) for errors in attitudes]
