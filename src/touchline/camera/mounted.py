@@ -144,8 +144,8 @@ def corner_radius(camera: LensCamera) -> float:
 
 def corrected(camera: Lens, errors: FloatArray, angles_rad: FloatArray) -> Lens:
     """The camera without errors (4,): roll, pitch (rad) about its own forward and left that it has more than its mount
-    says, relative errors of its height and of `plane_radius`. angles_rad (N,): to the optical axis, at which it saw something; a lens with
-    distortion widens them by more than its focal length shrinks.
+    says, relative errors of its height and of `plane_radius`. angles_rad (N,): to the optical axis, at which it saw
+    something; a lens with distortion widens them by more than its focal length shrinks.
     """
     roll, pitch, height, wide = errors.tolist()
     pose = camera.base_from_camera

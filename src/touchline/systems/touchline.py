@@ -275,7 +275,9 @@ class Touchline:
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(_compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell:
-            end.update_from_colours(self._view(observation, best.filter.errors, self.errors.response(frame)), best.filter.pose)
+            end.update_from_colours(
+                self._view(observation, best.filter.errors, self.errors.response(frame)), best.filter.pose
+            )
         end.update_from_team(frame.evidence, best.filter.pose, seconds)
         if end.is_refuted:
             self.problems = (end.refutation,)

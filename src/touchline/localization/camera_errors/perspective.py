@@ -25,6 +25,7 @@ HEIGHT_M = 1.0  # of an undescribed camera
 # of roll and pitch (rad), as the kinematics of a robot that nobody has calibrated tell them: three degrees, and five
 # happen; relative ones of height and focal length
 DEVIATIONS = 0.05, 0.05, 0.02, 0.02
+OWN_DEVIATIONS = 0.02, 0.02, 0.02, 0.02  # behind a detector whose makers have laid what it sees on the ground
 DRIFT = np.array([0.0003, 0.0003, 0.0001, 0.00003])  # of these in the root of a second
 LEARNED = 1.0  # share of an image's correction of the errors
 LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD = 0.008, 0.002, 0.03  # error of roll and pitch in one image
@@ -56,7 +57,8 @@ def perspective_errors(camera: Camera | None, height_m: float | None = None) -> 
     if camera is not None:
         eye = np.ascontiguousarray(camera.base_from_camera.translation_m)
     height_m, fisheye = float(eye[2]), camera is not None and camera.model == "fisheye"
-    prior, lean = np.diag(np.square(DEVIATIONS)), Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / height_m)
+    prior = np.diag(np.square(OWN_DEVIATIONS if camera is None else DEVIATIONS))
+    lean = Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / height_m)
 
     def at(frame: Frame | None = None) -> PerspectiveResponse:
         """Where the camera is and looks at the image of a frame."""

@@ -38,6 +38,7 @@ SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SA
 # log-odds against the likeliest pose from which another is none, where crossings or landmarks count: a perspective
 # camera's image is worth no more, as of `SECTOR`
 MAX_LOG_ODDS = 4.0
+MIN_EXPLAINED = 0.6  # share of what is seen that a pose must explain: with the camera's lean free, some pose fits half
 
 
 class LocateSettings(Settings):
@@ -221,7 +222,7 @@ def _locate_observation(
     def unsure(place: Pose) -> tuple[FloatArray, None]:
         return covariances[place], None
 
-    found = _Found(points, sample, weights, list(covariances), unsure, joint.doubts(fits[0]))
+    found = _Found(points, sample, weights, list(covariances), unsure, joint.doubts(fits[0]), fits[0].explained)
     return _judged(found, search, field, heading, s, seed)
 
 
@@ -229,6 +230,7 @@ class _Found(NamedTuple):
     """Poses that explain the points (N, 2) about equally well, the best first, and by how much each may be off.
 
     sample, weights (M,): points of which the pose's error is taken. doubts: what else speaks against the best pose.
+    explained: share of all that is seen that lies where it should.
     """
 
     points: FloatArray
@@ -237,6 +239,7 @@ class _Found(NamedTuple):
     poses: Sequence[Pose]
     unsure: Callable[[Pose], tuple[FloatArray, CameraDoubt | None]]
     doubts: tuple[str, ...] = ()
+    explained: float = 1.0
 
 
 def _judged(
@@ -251,6 +254,8 @@ def _judged(
     nearest = Hypothesis(pose, mean_m)
     if chance.significance < s.min_significance:
         raise NotSignificantError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
+    if found.explained < MIN_EXPLAINED:
+        raise PoorFitError(_unexplained_message(found.explained, nearest, heading), nearest, chance)
     if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
     judged = judge(field, pose.transform(points), distances, *found.unsure(pose))
@@ -377,6 +382,11 @@ def _poor_message(points: int, best: Hypothesis, median_m: float, heading: float
         f"{median_m:.2f} m from the lines ({best.residual_m:.2f} m on average); at most {s.max_median_m:.2f} m are "
         f"allowed. {_what_to_check(heading)}"
     )
+
+
+def _unexplained_message(explained: float, best: Hypothesis, heading: float | None) -> str:
+    left = f"{100.0 * (1.0 - explained):.0f} % of it beside the field's lines and marks"
+    return f"no pose explains what is seen: the best one ({_words(best.pose)}) leaves {left}. {_what_to_check(heading)}"
 
 
 def _words(pose: Pose) -> str:

@@ -28,12 +28,13 @@ MIN_SIGMA_RAD = 0.04  # of a line's direction: cameras have other errors, too
 
 def attitude_deviations(expected: StatePrior) -> FloatArray:
     """Standard deviations of roll and pitch (2,) in what is expected of an image (rad)."""
-    covariance = inverse(expected.information)
-    return np.sqrt(np.array([covariance[3, 3], covariance[4, 4]]))
+    covariance: FloatArray = inverse(expected.information)
+    deviations: FloatArray = np.sqrt(np.diag(covariance)[3:5])
+    return deviations
 
 
 def attitude_offsets(deviations: FloatArray) -> FloatArray:
-    """Roll and pitch (A, 2) beside those expected to within deviations (2,) (rad), the nearest first; the first is 0."""
+    """Roll and pitch (A, 2) beside those expected to within deviations (2,) (rad), the nearest first: 0, 0."""
     sides = []
     for deviation in deviations.tolist():
         count = max(math.ceil(REACH * deviation / STEP_RAD), 1)

@@ -1,0 +1,103 @@
+"""Roll and pitch of a perspective camera that are degrees off: learned from the lines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from conftest import FULL_DATA
+
+from touchline.evaluation.runner import robot_setup
+from touchline.field import open_field
+from touchline.geometry import Pose, Pose3
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.camera_errors.perspective import PerspectiveResponse, ahead
+from touchline.localization.registration.attitudes import attitude_offsets, fit_leaning
+from touchline.localization.registration.joint import StatePrior
+from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.registration.seen import seen_points
+from touchline.motion.lean import LAG_S, LeanFilter
+from touchline.sources import open_source
+from touchline.systems import open_system
+from touchline.systems.touchline import Touchline
+from touchline.types import Frame, LinePoints, Prior, Samples, Status
+
+SUN = FULL_DATA / "humanoid_hsl_sun"
+
+
+def test_a_pan_turns_the_axes_of_roll_and_pitch() -> None:
+    """Errors of a camera that has turned its head to the left move what it sees as those of one that looks ahead."""
+    eye, errors = np.array([0.0, 0.0, 0.6]), np.array([0.03, -0.05, 0.01, 0.02])
+    points = np.array([[2.0, 0.5], [3.0, -1.0], [1.0, 0.2]])
+    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    here = PerspectiveResponse(eye, np.array([math.cos(0.3), 0.0, -math.sin(0.3)]), fisheye=False)
+    aside = PerspectiveResponse(eye, np.array([0.0, math.cos(0.3), -math.sin(0.3)]), fisheye=False)
+    np.testing.assert_allclose(
+        placed_points(points @ turn.T, errors, aside), placed_points(points, errors, here) @ turn.T, atol=1e-12
+    )
+    assert ahead(np.zeros(3)) == (1.0, 0.0)
+
+
+def test_the_pose_of_the_camera_is_turned_on_by_the_rates() -> None:
+    """Kinematics hold the lean that the IMU has told late."""
+    stamps = np.arange(0, 200_000_001, 20_000_000)
+    gyro = Samples(stamps, np.tile([0.0, 0.5, 0.0], (len(stamps), 1)))
+    frame = Frame(200_000_000, gyro=gyro, base_from_camera=Pose3.from_roll_pitch_yaw(0.0, 0.3, 0.0, (0.0, 0.0, 0.5)))
+    turned = LeanFilter().at_image(frame).base_from_camera
+    assert turned is not None
+    assert turned.roll_pitch_yaw()[1] == pytest.approx(0.3 + 0.5 * LAG_S, abs=1e-6)
+
+
+def test_a_grid_of_attitudes_begins_at_the_expected_one_and_is_fine_enough() -> None:
+    offsets = attitude_offsets(np.array([0.05, 0.005]))
+    assert not offsets[0].any()
+    assert np.diff(np.unique(offsets[:, 0])).max() <= 0.025 + 1e-12
+    assert offsets[:, 0].max() == pytest.approx(0.075)
+
+
+@pytest.mark.parametrize("pitch_deg", [4.0, -4.0])
+def test_a_fit_begins_at_other_attitudes_where_the_expected_one_explains_too_little(pitch_deg: float) -> None:
+    """Four degrees of pitch of a camera half a metre up: lines lie metres off."""
+    field, truth = open_field("hsl-s-9x6"), Pose(0.5, 0.6, 0.4)
+    response = PerspectiveResponse(np.array([0.0, 0.0, 0.5]), np.array([0.95, 0.0, -0.3]), fisheye=False)
+    errors = np.array([0.0, math.radians(pitch_deg), 0.0, 0.0])
+    steps = np.linspace(0.0, 1.0, 60)[:, np.newaxis]
+    lines = np.concatenate([one[:2] + steps * (one[2:] - one[:2]) for one in np.asarray(field.segments)[:, :4]])
+    points = truth.inverse().transform(lines)
+    ahead_m = np.hypot(points[:, 0], points[:, 1])
+    points = points[(np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.7) & (ahead_m < 4.5)]
+    shown = placed_points(np.ascontiguousarray(points), -errors, response)
+    spread = np.tile(0.02**2 * np.eye(2), (len(shown), 1, 1))
+    seen = seen_points(LinePoints(shown, spread, np.ones(len(shown)), np.full_like(shown, np.nan)), 0.25)
+    deviations = np.array([0.2, 0.2, 0.1, 0.05, 0.05, 0.005, 0.005])
+    expected = StatePrior(np.array([*truth, 0.0, 0.0, 0.0, 0.0]), np.diag(deviations**-2.0))
+    registration = Registration(field.distance_map())
+    fit = fit_leaning(registration, seen, expected.mean, expected, TRACKING, response)
+    assert registration.fit_state(seen, expected.mean, expected, TRACKING, response).explained < 0.85
+    assert fit.explained > 0.95
+    assert math.degrees(fit.state[4]) == pytest.approx(pitch_deg, abs=0.1)
+    np.testing.assert_allclose(fit.state[:2], truth.as_array()[:2], atol=0.1)
+
+
+if SUN.is_dir():
+
+    @pytest.mark.parametrize("off", [(0.2, -0.2, 6.0), (-0.25, 0.1, -8.0)])
+    def test_a_robot_with_kinematics_degrees_off_is_followed(off: tuple[float, float, float]) -> None:
+        """Low sun in patches; whenever it is tracked it is right, and it learns the camera's pitch."""
+        source = open_source(SUN)
+        assert source.truth is not None
+        system = open_system("touchline", robot_setup(source))
+        assert isinstance(system, Touchline)
+        first = source.truth.nearest(int(source.image_stamps[0]))
+        system.reset(Prior(Pose(first.x + off[0], first.y + off[1], first.heading + math.radians(off[2]))))
+        off_m, tracked = [], 0
+        for frame in source:
+            estimate, truth = system.step(frame), source.truth.nearest(frame.stamp_ns)
+            tracked += estimate.status is Status.TRACKING
+            assert system.bank.best is not None
+            off_m.append(system.bank.best.filter.pose.distance_to(truth))
+        assert np.median(off_m) < 0.04
+        assert max(off_m[8:]) < 0.15
+        assert math.degrees(system.bank.best.filter.errors[1]) == pytest.approx(-2.2, abs=0.5)
+        assert tracked > 30
