@@ -47,7 +47,7 @@ def write_inputs(drive: Drive, folder: Path, name: str) -> None:
     if drive.prior is not None and drive.prior.pose is not None:
         stamp_ns = np.array([drive.frames[0].stamp_ns], np.int64)
         write_tum(folder / START, Samples(stamp_ns, drive.prior.pose.as_array()[np.newaxis]))
-    rows = [row for f in drive.frames if f.observation is not None for row in observation_rows(f.observation)]
+    rows = [row for f in drive.frames if f.observation is not None for row in observation_rows(f.observation.usable())]
     _write(folder / OBSERVATIONS, HEADER, rows)
     for sensor, header in (("odometry", "t,x,y,theta"), ("wheels", "t,a,b")):
         _write_sensors(folder / f"{sensor}.csv", header, [_log(drive, sensor)], [header.count(",")])
@@ -97,8 +97,10 @@ def read_answers(path: Path) -> Answers:
     """A TUM file, each of whose poses is one that is tracked, or a CSV with t,x,y,theta and, where known, the upper
     triangle of the covariance (cov_xx, cov_xy, cov_xt, cov_yy, cov_yt, cov_tt) and status (tracking or another word).
 
-    Raises InputError that names file and line.
+    An empty file holds no pose. Raises InputError that names file and line.
     """
+    if path.stat().st_size == 0:  # never sure
+        return Answers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.bool_), np.zeros((0, 3, 3)))
     if path.suffix == ".tum":
         log = read_tum(path)
         return Answers(log.stamp_ns, log.values, np.ones(len(log), np.bool_), np.full((len(log), 3, 3), np.nan))
