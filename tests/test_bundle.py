@@ -16,6 +16,7 @@ from touchline.calibration.bundle import (
     prior_block,
     residual_block,
 )
+from touchline.errors import NoFitError
 from touchline.geometry import FloatArray
 
 SCALE, OFFSET = 1.25, -0.4  # what all images share: y = scale * (x - own) + offset
@@ -108,3 +109,9 @@ def test_scipys_least_squares_come_to_the_same(wrong: int) -> None:
     state, _ = minimise(lambda each: equations(each, seen, width), start)
     assert state == pytest.approx(other.x, abs=5e-4)  # a thousandth of its deviation
     assert state[0] == pytest.approx(SCALE, abs=0.02)
+
+
+def test_what_leaves_an_entry_open_is_refused_in_words() -> None:
+    along = np.array([[1.0, 1.0], [1.0, 1.0]])
+    with pytest.raises(NoFitError, match="leaves the camera open"):
+        NormalEquations([Block(np.arange(2), along, np.ones(2))])

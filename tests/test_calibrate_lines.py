@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -90,6 +91,9 @@ def test_images_of_two_robots_are_refused(field: FieldModel, apart_px: float) ->
         assert found.on_lines > 0.9
         with pytest.raises(NoFitError, match=r"image 1 .* px .*one robot"):
             check(found)
+        dim = replace(found, pixels=(found.pixels[0][:20], found.pixels[1]))
+        with pytest.raises(NoFitError, match=r"image 1 \(20 points\) .*its light"):
+            check(dim)
 
 
 def test_few_points_in_each_of_four_images_tell_together_what_none_tells_alone(field: FieldModel) -> None:
@@ -122,6 +126,14 @@ def test_the_wrong_field_is_refused(field: FieldModel) -> None:
 def test_too_few_points_are_refused(field: FieldModel) -> None:
     with pytest.raises(NoFitError, match="too few"):
         calibrated([np.full((5, 2), 200.0)], field)
+
+
+def test_points_far_outside_of_any_mirror_are_refused(field: FieldModel) -> None:
+    steps = np.linspace(0.0, 400.0, 60)
+    pixels = np.column_stack((45.0 * steps, 40.0 * steps))
+    middle = 0.5 * (pixels.min(axis=0) + pixels.max(axis=0))
+    with pytest.raises(NoFitError):
+        check(calibrate_points([pixels], middle, float(np.hypot(*(pixels - middle).T).max()), field))
 
 
 def test_the_axis_of_a_turn_is_found() -> None:

@@ -14,10 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from touchline.errors import NoFitError
 from touchline.geometry import FloatArray
 
 _STEPS, _SETTLED = 60, 1e-3  # of Levenberg and Marquardt: at most so many, and the gain at which they end
 _MIN_DAMPING, _MAX_DAMPING = 1e-7, 1e5
+_SINGULAR = (
+    "what was seen leaves the camera open: no single calibration explains it best. Are the points line points of this "
+    "field, from an image in which several lines are seen?"
+)
 _TINY = 1e-9  # added to the diagonal with any damping: an entry that nothing depends on stays
 
 
@@ -63,7 +68,7 @@ def entries(shared: int, images: int, own: int) -> tuple[npt.NDArray[np.intp], n
 class NormalEquations:
     """Blocks added up and factorised; damping: by what ratio the diagonal is raised (Levenberg and Marquardt).
 
-    gradient: (P,) of the whole state. matrix: (P, P), sparse.
+    gradient: (P,) of the whole state. matrix: (P, P), sparse. Raises NoFitError where they leave an entry open.
     """
 
     def __init__(self, blocks: Sequence[Block], damping: float = 0.0) -> None:
@@ -78,7 +83,10 @@ class NormalEquations:
         self.gradient: FloatArray = np.bincount(at, np.concatenate([one.gradient for one in blocks])).astype(np.float64)
         if damping:
             self.matrix.setdiag((1.0 + damping) * self.matrix.diagonal() + _TINY)
-        self._factors = splu(self.matrix, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+        try:
+            self._factors = splu(self.matrix, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+        except RuntimeError:  # exactly singular, or not finite
+            raise NoFitError(_SINGULAR) from None
 
     def step(self, gradient: FloatArray | None = None) -> FloatArray:
         """The Gauss-Newton step (P,), or that of another gradient, (P,) or several of them (P, G)."""

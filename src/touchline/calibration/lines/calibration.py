@@ -32,6 +32,11 @@ _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
 _MAX_ORIGIN_M = 0.15
 _MAP_M, _BEYOND_M = 0.05, 3.0
 _ONE_ROBOT = "Are all images of one robot, its mirror not touched meanwhile? Calibrate each robot by its own images"
+_FEW = 0.4  # of the points that the images show in the median: an image with fewer may just be badly lit
+_BADLY_SEEN = (
+    "It shows far fewer line points than the others: its light, or a view that is not free, is the likelier cause. "
+    "Leave it out or take it again"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +164,8 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
         )
     for number, (one, points) in enumerate(zip(calibration.alone, calibration.pixels, strict=False), start=1):
         if one.is_another:
-            raise NoFitError(f"image {number} ({len(points)} points) {one}. {_ONE_ROBOT}")
+            few = len(points) < _FEW * float(np.median([len(each) for each in calibration.pixels]))
+            raise NoFitError(f"image {number} ({len(points)} points) {one}. {_BADLY_SEEN if few else _ONE_ROBOT}")
     if whole_view and calibration.lines_seen < MIN_LINES_SEEN:
         raise NoFitError(
             f"only {100 * calibration.lines_seen:.0f} % of the lines that should be in view are seen with the best "
