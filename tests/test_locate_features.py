@@ -159,3 +159,9 @@ def test_the_command_takes_a_photograph_with_features(
     pose = json.loads(capsys.readouterr().out)["pose"]
     found, truth = Pose(pose["x_m"], pose["y_m"], pose["heading_rad"]), run.truth[0]
     assert min(found.distance_to(truth), found.distance_to(truth.mirrored())) < 0.15
+    (tmp_path / "heeds.yaml").write_text(yaml.safe_dump(run.camera_yaml))
+    heeding = ["locate", "seen.png", "--camera", "heeds.yaml", "--field", "spl-9x6", "--json"]
+    assert main(heeding) == 2
+    assert "--attitude ROLL,PITCH" in capsys.readouterr().err
+    assert main([*heeding, "--attitude", "0,0"]) == 0
+    assert json.loads(capsys.readouterr().out)["pose"] == pose

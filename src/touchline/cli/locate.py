@@ -38,6 +38,10 @@ def locate(
     heading: Annotated[
         float | None, typer.Option(metavar="RAD", help="Compass heading; without it the whole circle.")
     ] = None,
+    attitude: Annotated[
+        str | None,
+        typer.Option(metavar="ROLL,PITCH", help="Lean of the body at an image (rad), for a camera that heeds it."),
+    ] = None,
     with_scale: Annotated[
         bool, typer.Option("--fit-scale", help="Fit a factor of all ranges, too: for a camera with wrong ranges.")
     ] = False,
@@ -72,7 +76,7 @@ def locate(
 
     model = open_field(field if field is not None else _ASSUMED_FIELD)
     with _searching():
-        seen = _seen(source, camera, model)
+        seen = _seen(source, camera, model, attitude)
         answer = _answer(seen, model, heading, with_scale)
         picture = _draw(source, seen, model, answer, output)
     found = answer.found
@@ -129,7 +133,7 @@ class _Answer(NamedTuple):
     better: tuple[Better, ...]
 
 
-def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
+def _seen(source: Path, camera: Path | None, field: FieldModel, attitude: str | None) -> _Seen:
     if camera is None:
         from touchline.localization.one_shot.points_file import read_points
 
@@ -138,10 +142,31 @@ def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
     from touchline.localization.registration.weights import WeightSettings, precision_weights
     from touchline.view.look import observe_image
 
-    model = open_camera(camera)
+    model = _leaning(open_camera(camera), source, attitude)
     look = observe_image(source, model, field)
     points = look.observation.points
     return _Seen(points.positions_m, precision_weights(points, WeightSettings()), look, model)
+
+
+def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
+    """The camera as it was at an image, roll and pitch (rad) of its body as given."""
+    from touchline.camera import PerspectiveCamera, pose_in_base
+    from touchline.given import given_numbers
+
+    if attitude is None and isinstance(camera, PerspectiveCamera) and camera.use_attitude:
+        raise InputError(
+            f"{source}: nothing tells how the camera leans at this image; give roll and pitch of the body with "
+            "--attitude ROLL,PITCH (rad), 0,0 for one that stands upright"
+        )
+    if attitude is None or not isinstance(camera, PerspectiveCamera):
+        return camera
+    try:
+        values = [float(value) for value in attitude.split(",")]
+    except ValueError:
+        values = []
+    roll, pitch = given_numbers("--attitude", "roll and pitch (rad), as 0.01,-0.02", values, 2)
+    pose = pose_in_base(camera, None, roll, pitch)
+    return camera if pose is None else replace(camera, base_from_camera=pose, use_attitude=False)
 
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
