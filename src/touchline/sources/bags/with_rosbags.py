@@ -32,7 +32,7 @@ from rosbags.rosbag2 import ReaderError as Ros2Error
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from touchline.files.opened import UnreadableError
+from touchline.files.opened import UnreadableError, open_bytes
 from touchline.sources.bags.layout import LATCHED_TOPICS
 from touchline.sources.bags.messages import Definition, Message, Place, Topic
 from touchline.sources.bags.team_messages import DEFINITIONS, EARLIER
@@ -255,7 +255,7 @@ def _sound(reader: Any) -> list[Connection]:
 def _check_packed(path: Path) -> None:
     """Raises UnreadableError for a file that would unpack to far more than recorded data do."""
     most, found = max(_SMALL_BYTES, _MAX_RATIO * path.stat().st_size), 0
-    with suppress(zstandard.ZstdError), path.open("rb") as packed:
+    with suppress(zstandard.ZstdError), open_bytes(path) as packed:
         reader = zstandard.ZstdDecompressor(max_window_size=MAX_MESSAGE_BYTES).stream_reader(packed)
         while part := reader.read(_PART_BYTES):
             found += len(part)
