@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import catalogue, clutter, faults, injections
+from touchline.experiments import catalogue, clutter, faults, faulty_play, injections
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.catalogue import CATALOGUE, CLOUD, FEATURES, MIRROR, Kind, Laid, laid, pairs, walk_of_points
 from touchline.experiments.drives import (
@@ -422,3 +422,31 @@ def test_a_threshold_is_exceeded_as_often_as_is_stated() -> None:
     assert np.count_nonzero(events > tail.threshold(1.0)) == pytest.approx(10, abs=5)
     assert tail.rate(tail.threshold(10.0)) == pytest.approx(0.1)
     assert tail.largest == pytest.approx(events.max())
+
+
+def test_faults_in_play_come_one_after_the_other_and_go() -> None:
+    drawn = faulty_play.faults_of(MIRROR, 36_000.0, np.random.default_rng(3))
+    times_s = np.array([(fault.start_s, fault.end_s) for _, fault in drawn])
+    lasts_s = times_s[:, 1] - times_s[:, 0]
+    assert (times_s[1:, 0] > times_s[:-1, 1]).all()
+    assert 1.0 <= lasts_s.min() < 2.0
+    assert 80.0 < lasts_s.max() <= 120.0
+    assert len({kind.name for kind, _ in drawn}) > 40
+    assert not any(kind.family in ("carried", "start") for kind, _ in drawn)
+
+
+def test_play_counts_losses_that_nobody_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A system that is sure of whatever it says: 1.5 m off for two seconds, and once for half a second."""
+
+    def followed(system: str, drive: Drive, seed: int) -> list[Estimate]:
+        away = np.zeros(len(drive.frames))
+        away[20:40], away[60:65] = 1.5, 1.5
+        truth = [Pose(*pose) for pose in drive.truth.tolist()]
+        poses = [Pose(pose.x + shift, pose.y, pose.heading) for pose, shift in zip(truth, away.tolist(), strict=True)]
+        return [Estimate(frame.stamp_ns, pose, 1e-4 * np.eye(3), Status.TRACKING, protection_m=0.1, protection_rad=0.1)
+                for frame, pose in zip(drive.frames, poses, strict=True)]  # fmt: skip
+
+    monkeypatch.setattr(faulty_play, "estimates_of", followed)
+    found = faulty_play.played(MIRROR, 6, 5, 10.0)
+    assert found.losses_s == pytest.approx((2.0,))
+    assert (found.wrong + found.other_end, found.misleading, found.bounded) == (25, 25, found.frames)

@@ -28,7 +28,7 @@ from touchline.experiments.catalogue import (
     laid,
     pairs,
 )
-from touchline.experiments.drives import estimates_of, track_of
+from touchline.experiments.drives import BoolArray, Track, estimates_of, track_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray
@@ -83,12 +83,7 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
     times_s = of.clean.times_s if count == len(of.clean.frames) else of.faulty.times_s
     first = min(int(np.searchsorted(of.clean.times_s, of.start_s)), count - 1)
     last = min(max(int(np.count_nonzero(times_s < of.end_s)), first + 1), count)
-    levels = np.array([(each.protection_m, each.protection_rad) for each in estimates], dtype=np.float64)
-    given = np.isfinite(levels[:, 0]) & track.tracking
-    error_m, beyond = np.full(count, np.inf), np.ones(count, np.bool_)
-    for end in (track, track.turned):
-        error_m = np.minimum(error_m, end.distances_m)
-        beyond &= (end.distances_m > levels[:, 0]) | (end.turns_rad > levels[:, 1])
+    given, beyond, bounds = against_bounds(track, estimates)
     off, there = ~track.within(WRONG_M, WRONG_RAD), track.turned.within(WRONG_M, WRONG_RAD)
     told = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
     alarm = ~track.tracking | np.array([bool(texts) for texts in told]) | (~given & given.any())
@@ -103,8 +98,21 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
         float(times_s[first + int(np.argmax(alarm[first:]))] - times_s[first]) if alarm[first:].any() else None,
         rightly_named(case, [text for texts in told[first:] for text in texts]),
         _shares(track.tracking, (max(first - BEFORE_FRAMES, 0), first, last, count)),
-        np.column_stack((error_m, levels[:, 0]))[given],
+        bounds[given],
     )
+
+
+def against_bounds(track: Track, estimates: Sequence[Estimate]) -> tuple[BoolArray, BoolArray, FloatArray]:
+    """Which estimates (N,) are tracked with a protection level; which err by more; error and level (N, 2) in m.
+
+    The error is that at the nearer end of the field.
+    """
+    levels = np.array([(each.protection_m, each.protection_rad) for each in estimates], dtype=np.float64)
+    error_m, beyond = np.full(len(estimates), np.inf), np.ones(len(estimates), np.bool_)
+    for end in (track, track.turned):
+        error_m = np.minimum(error_m, end.distances_m)
+        beyond &= (end.distances_m > levels[:, 0]) | (end.turns_rad > levels[:, 1])
+    return np.isfinite(levels[:, 0]) & track.tracking, beyond, np.column_stack((error_m, levels[:, 0]))
 
 
 def _shares(tracking: np.ndarray, edges: Sequence[int]) -> tuple[float, float, float]:
@@ -234,11 +242,18 @@ def _percent(shares: FloatArray) -> str:
 
 def _picture(found: Found) -> Figure:
     """Stanford diagrams of both cameras, under all faults."""
-    figure, axes = new_figure(1, 2, (11.0, 5.0), (f"{MIRROR}, all faults", f"{FEATURES}, all faults"))
-    for axis, camera in zip(axes, (MIRROR, FEATURES), strict=True):
-        bounds = [one.bounds for (name, system), each in found.items() for one in each
-                  if system == OWN and name.startswith(camera) and not name.endswith(": none")]  # fmt: skip
-        error_m, level_m = np.concatenate([np.zeros((0, 2)), *bounds]).T
+    return bounds_figure({
+        camera: [one.bounds for (name, system), each in found.items() for one in each
+                 if system == OWN and name.startswith(camera) and not name.endswith(": none")]
+        for camera in (MIRROR, FEATURES)
+    })  # fmt: skip
+
+
+def bounds_figure(bounds: Mapping[str, Sequence[FloatArray]]) -> Figure:
+    """Stanford diagrams, by kinds of robots: errors and protection levels (K, 2) in m, of each robot."""
+    figure, axes = new_figure(1, 2, (11.0, 5.0), tuple(f"{robots}, all faults" for robots in bounds))
+    for axis, each in zip(axes, bounds.values(), strict=True):
+        error_m, level_m = np.concatenate([np.zeros((0, 2)), *each]).T
         if len(error_m):
             draw_stanford(axis, error_m, level_m, ALERT_LIMIT_M)
     return figure
