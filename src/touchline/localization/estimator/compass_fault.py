@@ -1,28 +1,32 @@
 """The end of the field by a compass, as log-odds: a sensor that now and then fails for a while.
 
 A robot that is followed from image to image does not change its end, and a compass either works or has failed, then
-stuck or turned by half a circle. So there are four states, right or wrong end with a working or a failed compass, and a
-filter over them (Rabiner 1989, the forward recursion): faults begin seldom and end soon. A compass that turns round
-while a robot is followed has probably failed, unless it had agreed for a moment only; one that has failed does not
-locate a robot that was lost meanwhile.
+stuck or turned by half a circle. So there are six states, right or wrong end with a compass that works, that had failed
+when the pose was found or that has failed since, and a filter over them (Rabiner 1989, the forward recursion): faults
+begin seldom. One that nobody saw begin ends soon, or a compass could excuse a wrong end for ever; one that begins while
+a robot is followed may last as long as it likes: the robot cannot have changed its end. A compass that turns round then
+has failed, unless it had agreed for a moment only; one that has failed does not locate a robot that was lost meanwhile.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from touchline.geometry import wrap_angle
 from touchline.motion.compass import COMPASS_FALSE
 from touchline.types import Samples
 
-FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
+FAULT_EVERY_S = 600.0  # mean time until a fault begins
+FAULT_S, SEEN_FAULT_S = 10.0, 120.0  # mean times until one ends: that nobody saw begin, and that began since
 UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
 MAX_S = 0.2  # between two images, as far as it counts: readings in a pause are unknown
 MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it does not count in the search of a lost robot
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
-# rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
-CompassStates = tuple[tuple[float, float], tuple[float, float]]
+# rows right and wrong end, columns a compass that works, had failed, has failed since: NumPy takes several times as long
+EndStates = tuple[float, float, float]
+CompassStates = tuple[EndStates, EndStates]
 
 # of a robot whose pose jumps as its compass turns round, that it was carried to near its twin's place; else it was
 # shoved in the very image in which the compass failed. Both are rare; where robots play, shoves are not
@@ -31,15 +35,15 @@ REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
 PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
 # likelihood of each reading (for the pose's end, for neither, against it); a failed compass may show anything
 _LIKELY: dict[int, CompassStates] = {
-    1: ((1.0, 1.0), (UNLIKELY, 1.0)),
-    0: ((UNLIKELY, 1.0), (UNLIKELY, 1.0)),
-    -1: ((UNLIKELY, 1.0), (1.0, 1.0)),
+    1: ((1.0, 1.0, 1.0), (UNLIKELY, 1.0, 1.0)),
+    0: ((UNLIKELY, 1.0, 1.0), (UNLIKELY, 1.0, 1.0)),
+    -1: ((UNLIKELY, 1.0, 1.0), (1.0, 1.0, 1.0)),
 }
 
 # the reading with which a pose was found: a failed compass has led the search to the other end, or is right by chance
 _FIRST_READING: dict[int, CompassStates] = {
-    1: ((1.0, 0.25), (1e-6, 1.0)),
-    -1: ((1e-6, 1.0), (1.0, 0.25)),
+    1: ((1.0, 0.25, 0.25), (1e-6, 1.0, 1.0)),
+    -1: ((1e-6, 1.0, 1.0), (1.0, 0.25, 0.25)),
 }
 
 
@@ -80,7 +84,7 @@ class CompassFaultFilter:
 
     def reset(self) -> None:
         """Nothing is known."""
-        self.states = _both_ends(COMPASS_FALSE)
+        self.states = _both_ends(COMPASS_FALSE, 0.0)
 
     @property
     def log_odds(self) -> float:
@@ -91,16 +95,18 @@ class CompassFaultFilter:
     @property
     def is_suspect(self) -> bool:
         """Whether it has probably failed: it does not count in the search of a lost robot."""
-        return self._failed > SUSPECT
+        return sum(self._failed) > SUSPECT
 
     @property
-    def _failed(self) -> float:
+    def _failed(self) -> tuple[float, float]:
+        """Probability that it had failed before, and that it has since."""
         right, wrong = self.states
-        return (right[1] + wrong[1]) / (sum(right) + sum(wrong))
+        total = sum(right) + sum(wrong)
+        return (right[1] + wrong[1]) / total, (right[2] + wrong[2]) / total
 
     def begin(self, error_rad: float | None) -> None:
         """A pose was found anew that a compass differs from: of its end nothing else is known."""
-        self.states = _both_ends(self._failed)
+        self.states = _both_ends(*self._failed)
         support = supports(error_rad)
         if support:
             self.states = _weighed(self.states, _FIRST_READING[support])
@@ -111,18 +117,22 @@ class CompassFaultFilter:
         if support is None:
             return
         elapsed_s = min(max(seconds, 0.0), MAX_S)
-        failing, ending = elapsed_s / FAULT_EVERY_S, elapsed_s / FAULT_S
+        failing = elapsed_s / FAULT_EVERY_S
         # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
-        lasting = math.exp(-elapsed_s / FAULT_S) if support else 1.0
+        before, since = (_passed(elapsed_s / mean_s, agrees=bool(support)) for mean_s in (FAULT_S, SEEN_FAULT_S))
         right, wrong = (
-            (works * (1.0 - failing) + failed * ending, (works * failing + failed * (1.0 - ending)) * lasting)
-            for works, failed in self.states
+            (
+                works * (1.0 - failing) + before.ends * failed + since.ends * failed_since,
+                before.lasts * failed,
+                (works * failing + failed_since) * since.lasts,
+            )
+            for works, failed, failed_since in self.states
         )
         self.states = _bounded(_weighed((right, wrong), _LIKELY[support]))
 
     def doubt(self) -> None:
         """It has turned round in the image in which the pose jumped."""
-        self.states = (0.0, 1.0 - CARRIED), (CARRIED, 0.0)
+        self.states = (0.0, 0.0, 1.0 - CARRIED), (CARRIED, 0.0, 0.0)
 
     def swap_ends(self) -> None:
         """The twin is the pose from now on."""
@@ -130,28 +140,38 @@ class CompassFaultFilter:
         self.states = wrong, right
 
 
-def _both_ends(failed: float) -> CompassStates:
-    """States of which nothing but the probability of a failed compass is known."""
-    each = 0.5 * (1.0 - failed), 0.5 * failed
+class _Passed(NamedTuple):
+    """What becomes of a fault in a time: that it ends, or lasts and shows what it has shown."""
+
+    ends: float
+    lasts: float
+
+
+def _passed(share: float, agrees: bool) -> _Passed:
+    """In a share of its mean time."""
+    return _Passed(share, (1.0 - share) * (math.exp(-share) if agrees else 1.0))
+
+
+def _both_ends(failed: float, since: float) -> CompassStates:
+    """States of which nothing but the probabilities of a failed compass are known."""
+    each = 0.5 * (1.0 - failed - since), 0.5 * failed, 0.5 * since
     return each, each
 
 
 def _weighed(states: CompassStates, likely: CompassStates) -> CompassStates:
     """Each state times how likely it is."""
-    (a, b), (c, d) = states
-    (e, f), (g, h) = likely
-    return (a * e, b * f), (c * g, d * h)
+    (a, b, c), (d, e, f) = states
+    (g, h, i), (k, m, n) = likely
+    return (a * g, b * h, c * i), (d * k, e * m, f * n)
 
 
 def _bounded(states: CompassStates) -> CompassStates:
     """States that sum to one, with log-odds of MAX_LOG_ODDS between the ends at most: nothing is certain for ever."""
     ends = [sum(end) for end in states]
     least, total = math.exp(-MAX_LOG_ODDS) * max(ends), sum(ends)
-    right, wrong = (
-        (works * max(end, least) / (end * total), failed * max(end, least) / (end * total))
-        for (works, failed), end in zip(states, ends, strict=True)
-    )
-    return right, wrong
+    right, wrong = (max(end, least) / (end * total) for end in ends)
+    (a, b, c), (d, e, f) = states
+    return (a * right, b * right, c * right), (d * wrong, e * wrong, f * wrong)
 
 
 def supports(error_rad: float | None) -> int | None:
