@@ -399,6 +399,13 @@ def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(monkeypatch: py
     assert float(rows["mirror: mirrored"]["nubot-mti: wrong (%)"]) > 0.0
 
 
+@pytest.mark.parametrize("robots", [MIRROR, FEATURES])
+def test_a_robot_that_stands_does_not_move(robots: str) -> None:
+    number = next(k for k, robot in enumerate(catalogue.KINDS_OF_ROBOTS[robots]) if not robot.moves)
+    truth = catalogue.driven_by(robots, number, 0, 1.0).truth
+    assert np.ptp(truth[:, :2], axis=0).max() < 0.1
+
+
 def test_a_laid_case_is_the_drive_without_it_but_for_the_fault() -> None:
     case = tuple(kind for kind in CATALOGUE if kind.title == "humanoid: none")
     of = laid(case, 1, 3)

@@ -78,17 +78,19 @@ class Robot(NamedTuple):
 
 _HALF, _SLOW = "camera.black_sectors_deg=[[0,180]]", "motion.speed_m_s=0.5"
 _KID, _HSL, _INDOOR, _FAST = "humanoid-kid-9x6", "hsl-s-9x6", "indoor-9x6", "motion.speed_m_s=0.45"
+# what a robot that stands does not use, as if it had not been set
+_UNUSED = ("motion.speed_m_s=1.2", "motion.acceleration_m_s2=2.0", "motion.turn_rad_s=2.0")
 WALKERS = (
     Robot(_HSL), Robot(_KID), Robot(_HSL, (_FAST,)), Robot(_KID, (_FAST,)), Robot(_INDOOR),
     Robot(_HSL, ("motion.speed_m_s=0.12",)), Robot(_KID), Robot(_HSL), Robot(_INDOOR, (_FAST,)),
-    Robot(_KID, ("motion={kind: walk-in-place}",), moves=False),
+    Robot(_KID, ("motion.kind=walk-in-place", "motion.dwell_s=0", *_UNUSED), moves=False),
 )  # fmt: skip
 KINDS_OF_ROBOTS = {
     MIRROR: (
         Robot("straight-tracks"), Robot("match", told=False), Robot("match", (_SLOW,)),
         Robot("match", (_HALF,), told=False), Robot("tour-20"), Robot("straight-tracks", (_SLOW,), told=False),
         Robot("match"), Robot("straight-tracks", (_HALF,)), Robot("match", ("motion.speed_m_s=1.5",), told=False),
-        Robot("match", ("motion={kind: stand}",), moves=False),
+        Robot("match", ("motion.kind=stand", *_UNUSED), moves=False),
     ),
     FEATURES: WALKERS,
     CLOUD: WALKERS,

@@ -24,7 +24,7 @@ MAX_S = 0.2  # between two images, as far as it counts: readings in a pause are 
 MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it does not count in the search of a lost robot
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
-# rows right and wrong end, columns a compass that works, had failed, has failed since: NumPy takes several times as long
+# columns a compass that works, had failed, has failed since; rows right and wrong end. NumPy takes several times longer
 EndStates = tuple[float, float, float]
 CompassStates = tuple[EndStates, EndStates]
 
