@@ -197,6 +197,7 @@ class Integrity:
         best = bank.best
         if best is None or best.fit is None:
             return self.verdict
+        self.relation.all_round = bank.trust.free_fit
         last = self.motion.last
         if last is not None and not last.begun:
             self._velocity = self.motion.velocity

@@ -37,6 +37,7 @@ REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
+BACKWARDS = 10.0  # log-odds against images in which a camera that shows what lies ahead would look back
 CONFIRMING = 3  # steps that confirm a pose
 WORTH = 15.0  # cost of a window in which there is anything to explain
 AGREEING = 10  # newest steps that must agree after an alarm
@@ -70,7 +71,7 @@ SIGNS = {
 }
 _MULTIPLIERS = np.array(list(SIGNS), dtype=np.float64)
 SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, GYRO, FIRST_LAG = range(len(SIGNS), len(SIGNS) + 8)
-MIRRORED = list(SIGNS).index((1, -1, -1))
+MIRRORED, BACK_TO_FRONT = (list(SIGNS).index(signs) for signs in ((1, -1, -1), (-1, 1, -1)))
 _BY_IMAGES = np.array(
     [one.culprit is Culprit.IMAGES for one in SIGNS.values()] + [False, False, True, False, False, True]
 )
@@ -219,6 +220,7 @@ class MotionRelation:
     """Costs of the newest steps. `mean`, `sum`: of their costs, the sum above what is usual."""
 
     def __init__(self) -> None:
+        self.all_round = True  # whether the camera shows what lies behind the robot, too
         self.reset()
 
     def reset(self) -> None:
@@ -338,6 +340,9 @@ class MotionRelation:
         gains[: len(SIGNS)] -= FREEDOM - 1.0
         gains[len(SIGNS) :] -= FREEDOM
         gains[FIRST_LAG:] -= 1.0
+        if not self.all_round:
+            gains[BACK_TO_FRONT] -= BACKWARDS
+            gains[ROTATION] -= BACKWARDS * (abs(values[ROTATION]) > 0.5 * math.pi)
         best = self._likeliest(gains)
         self._best = best
         self.gain, self.parameter, self._left = (float(each[best]) for each in (gains, values, left))
