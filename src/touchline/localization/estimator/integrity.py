@@ -226,7 +226,9 @@ class Integrity:
         if self.lag_s and self.relation.refutes_lag(self.lag_s):
             self.lag_s = 0.0
         if jump.predicted is not None and self.verdict is ALL_WELL:
-            self._take_jump(stamp_ns, best.filter.pose, jump.predicted)
+            pose, predicted = best.filter.pose, jump.predicted
+            if not self.suspect_mirror(stamp_ns, pose, predicted) and pose.distance_to(predicted) > MIN_LAG_M:
+                self._take_lag(pose, predicted)
         return self.verdict
 
     def _confirm(self, jump: Jump, moves: bool) -> None:
@@ -240,19 +242,19 @@ class Integrity:
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
 
-    def _take_jump(self, stamp_ns: int, pose: Pose, predicted: Pose) -> None:
-        """A pose that jumps to just where a mirrored image would put it, or along its own way."""
+    def suspect_mirror(self, stamp_ns: int, pose: Pose, predicted: Pose) -> bool:
+        """Whether a pose has jumped to just where mirrored images would put it; they are distrusted then."""
         off_m, turn = pose.distance_to(predicted), wrap_angle(pose.heading - predicted.heading)
+        if off_m <= 2.0 * MIRRORED_M and abs(turn) <= 2.0 * MIRRORED_RAD:
+            return False
         x, y, heading = predicted
         for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
-            near = pose.distance_to(at) < MIRRORED_M and abs(wrap_angle(pose.heading - at.heading)) < MIRRORED_RAD
-            if near and (off_m > 2.0 * MIRRORED_M or abs(turn) > 2.0 * MIRRORED_RAD):
+            if pose.distance_to(at) < MIRRORED_M and abs(wrap_angle(pose.heading - at.heading)) < MIRRORED_RAD:
                 text = "images are mirrored: left and right are exchanged"
                 self.verdict = Verdict(False, True, text, since_ns=stamp_ns)
                 self.relation.suspect(MIRRORED, 0.0)
-                return
-        if off_m > MIN_LAG_M:
-            self._take_lag(pose, predicted)
+                return True
+        return False
 
     def _take_lag(self, pose: Pose, predicted: Pose) -> None:
         """A pose that jumps along its own way: so it does when the camera's clock is set."""

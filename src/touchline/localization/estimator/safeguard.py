@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.bank import ALLOWED, Bank, Image
 from touchline.localization.estimator.field_end import EndMemory, FieldEnd
 from touchline.localization.estimator.filter import Filter
-from touchline.localization.estimator.integrity import Integrity, Jump, Verdict
+from touchline.localization.estimator.integrity import ALL_WELL, Integrity, Jump, Verdict
 from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.registration import Registration
 from touchline.motion import MotionHistory
@@ -28,6 +28,7 @@ KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one 
 NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
 CLOCK_S = 0.2  # of a delay that a jump of the pose may take back: a clock was set; a shove makes smaller ones
 CLEARLY = 4.0  # squared Mahalanobis distance by which one end is nearer to the pose that was held
+MAX_LOST_S = 5.0  # after which a pose that was lost says nothing of where one that is found may be
 MAX_HELD_S = 60.0  # for which a pose is carried: then it tells no end
 
 
@@ -84,6 +85,10 @@ class Safeguard:
         """Take an image after the bank has; the problem to report."""
         before = self.verdict
         verdict = self.integrity.update(stamp_ns, image, bank, history, delay.corrected_s, jump)
+        lost = self._before_loss(stamp_ns, history, delay.corrected_s) if jump.elsewhere else None
+        if lost is not None and bank.best is not None and verdict is ALL_WELL:
+            self.integrity.suspect_mirror(stamp_ns, bank.best.filter.pose, lost)
+            verdict = self.verdict
         if verdict.late_s is not None and verdict.late_s > 0.0 and delay.take(verdict.late_s, NAMED_DELAY_DEVIATION_S):
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
@@ -113,6 +118,11 @@ class Safeguard:
         if not self._kept or stamp_ns - self._kept[-1].stamp_ns >= 1e9 * KEPT_EVERY_S:
             self._kept.append(Kept(stamp_ns, one.loosened(np.zeros((3, 3))), end.memory))
 
+    def _before_loss(self, stamp_ns: int, history: MotionHistory, late_s: float) -> Pose | None:
+        """Where the pose of before it was lost would be by now: the first images of a fault may have moved it already."""
+        kept = next((one for one in self._kept if stamp_ns - one.stamp_ns < 1e9 * MAX_LOST_S), None)
+        return None if kept is None else kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s)).pose
+
     def _hold(self, stamp_ns: int, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
         """Go back to before the fault, as far as it is known when that was."""
         if not self._kept:
@@ -120,7 +130,7 @@ class Safeguard:
         since_ns = self.verdict.since_ns or stamp_ns - round(1e9 * BACK_S)
         old = [one for one in self._kept if one.stamp_ns < since_ns]
         kept = old[-1] if old else self._kept[0]
-        if stamp_ns - kept.stamp_ns < 5e9:
+        if stamp_ns - kept.stamp_ns < 1e9 * MAX_LOST_S:
             self.held = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
             self._held_since_ns = stamp_ns
             end.recall(kept.end)
