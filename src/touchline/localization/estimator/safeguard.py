@@ -119,7 +119,7 @@ class Safeguard:
             self._kept.append(Kept(stamp_ns, one.loosened(np.zeros((3, 3))), end.memory))
 
     def _before_loss(self, stamp_ns: int, history: MotionHistory, late_s: float) -> Pose | None:
-        """Where the pose of before it was lost would be by now: the first images of a fault may have moved it already."""
+        """Where the pose of before its loss would be by now: the first images of a fault may have moved it already."""
         kept = next((one for one in self._kept if stamp_ns - one.stamp_ns < 1e9 * MAX_LOST_S), None)
         return None if kept is None else kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s)).pose
 
