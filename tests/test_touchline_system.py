@@ -188,9 +188,17 @@ def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None
     end = found(known=False, compass_error_rad=0.1)
     compared(end, 0.1, 20.0)
     assert not compared(end, math.pi, 10.0).is_refuted
-    assert 0.6 < end.probability < 0.9  # it says so, and the twin is named
+    assert 0.95 < end.probability < 0.998  # it says so, and the twin is named
     assert compared(end, 0.1, 10.0).probability > 0.97
-    assert compared(end, math.pi, 60.0).is_refuted  # it was false when the end was found
+    assert not compared(end, math.pi, 120.0).is_refuted  # it has agreed when the end was found, and for half a minute
+    assert 0.99 < end.probability < 0.9995
+
+
+def test_after_two_seconds_of_agreement_a_compass_that_turns_round_leaves_the_end_open() -> None:
+    """It has failed, or it had when the end was found."""
+    end = compared(found(known=False, compass_error_rad=0.1), 0.1, 2.0)
+    for _ in range(6):
+        assert 0.1 < compared(end, math.pi, 10.0).probability < 0.9
 
 
 def test_where_a_lost_robot_is_a_compass_that_had_failed_speaks_against_what_it_says() -> None:

@@ -132,7 +132,7 @@ class CompassFaultFilter:
 
     def doubt(self) -> None:
         """It has turned round in the image in which the pose jumped."""
-        self.states = (0.0, 0.0, 1.0 - CARRIED), (CARRIED, 0.0, 0.0)
+        self.states = (0.0, 1.0 - CARRIED, 0.0), (CARRIED, 0.0, 0.0)
 
     def swap_ends(self) -> None:
         """The twin is the pose from now on."""
