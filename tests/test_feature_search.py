@@ -28,7 +28,7 @@ def test_parts_register_every_proposed_pose_once_and_share_them_evenly() -> None
     for part in ((0, 3), (1, 3), (2, 3)):
         recorder: Any = Recorder()
         search = FeatureSearch(proposals, recorder, symmetric=False)
-        modes = search.modes(nothing, nothing, StatePrior(np.zeros(3), np.eye(3)), nothing, (), part)
+        modes = search.modes(nothing, [(np.zeros(0), nothing)], StatePrior(np.zeros(3), np.eye(3)), nothing, (), part)
         assert len(modes) == len(recorder.starts)
         tried.append(recorder.starts)
     assert tried == [[0.0, 3.0, 6.0], [1.0, 4.0], [2.0, 5.0]]

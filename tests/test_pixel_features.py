@@ -196,7 +196,7 @@ def test_pixels_that_come_live_are_what_is_on_the_ground() -> None:
     assert len(sights) == 4
     for sight in sights[1:]:  # the track of transforms begins with the first image
         check(sight.observation)
-    with pytest.raises(InputError, match="need --camera"):
+    with pytest.raises(InputError, match="need a CameraInfo beside an image, or --camera"):
         list(RosReader().read(roles.MARKINGS, markings(10 * SECOND_NS)))
 
 

@@ -74,7 +74,7 @@ def wrong(small_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("check no-lean", 1, NO_LEAN),
         ("view no-lean", 0, NO_LEAN),
-        ("locate no-lean/images/000000.jpg --camera camera.yaml --field indoor-9x6", 1, NO_LEAN),
+        ("locate no-lean/images/000000.jpg --camera camera.yaml --field indoor-9x6", 2, NO_LEAN),
         ("calibrate colour no-field --output colours.npz", 2, NO_FIELD),
         ("view fallen", 0, FALLEN),
         ("run no-field --system nimbro-lines", 1, NO_FIELD),
