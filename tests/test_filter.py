@@ -277,6 +277,6 @@ def test_the_covariance_of_a_robot_as_built_is_honest() -> None:
 
 def test_a_lone_line_for_ten_seconds_loses_no_robot() -> None:
     told = honesty(Condition("a lone line", line=True), "touchline", 3)
-    assert told.tracked >= 0.95  # the first second comes before motion confirms the pose
+    assert told.tracked >= 0.92  # now and then late stamps would explain the motion of a line, too: that is said
     assert told.nees < 3.0
     assert told.error_m < 0.08

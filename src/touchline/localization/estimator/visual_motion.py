@@ -22,6 +22,7 @@ MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 SECTOR_RATIO = 2.0  # of the variance of a pose by a few things, each of which may be taken for another
+MAX_SIGMA_M, UNKNOWN_M = 0.03, 3.0  # of an image all round: along an axis that it tells worse it tells nothing
 _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
 
 
@@ -102,8 +103,17 @@ class VisualMotion:
         expected = StatePrior(state, information)
         joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
         covariance = inverse(joint.information + information)[:3, :3]
-        covariance *= 1.0 if camera.all_round else SECTOR_RATIO
+        covariance = _told_alone(covariance) if camera.all_round else SECTOR_RATIO * covariance
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
+
+
+def _told_alone(covariance: FloatArray) -> FloatArray:
+    """Of a pose (3, 3), without what was expected of it: along a lone line that is all there is."""
+    variances, axes = np.linalg.eigh(covariance[:2, :2])
+    along = axes[:, variances > MAX_SIGMA_M**2]
+    told = covariance.copy()
+    told[:2, :2] += UNKNOWN_M**2 * along @ along.T
+    return told
 
 
 def is_far(one: FloatArray, other: FloatArray) -> bool:
