@@ -41,7 +41,7 @@ def main() -> None:
         missing = [name for name in systems_of(table) if name not in {place.system for place in listed}]
         lines += [f"| {name} | n/a | – |" for name in missing]
         names = [place.system for place in listed]
-        lines += ["", f"![{track}](images/results/benchmark-{track}.png)", "", "First in each row, and touchline:", ""]
+        lines += ["", f"![{track}](images/benchmark-{track}.png)", "", "First in each row, and touchline:", ""]
         lines += ["| row | robots | first: cost (cm) | touchline: cost | median, 95 % | tracked (%) | wrong/h |",
                   "|---|---|---|---|---|---|---|"]  # fmt: skip
         for row in rows_of(suite, track):
@@ -75,7 +75,7 @@ def draw(track: str, names: list[str], table: dict, suite: object) -> None:  # t
     axis.set(xscale="log", ylim=(len(rows) - 0.5, -0.5))
     axis.set_yticks(range(len(rows)), [f"{row.condition} ({row.field})" for row in rows], fontsize=7)
     axis.legend(frameon=False, fontsize=6, ncols=3, loc="upper center", bbox_to_anchor=(0.4, -0.08))
-    figure.savefig(DOCS / "images" / "results" / f"benchmark-{track}.png", dpi=110)
+    figure.savefig(DOCS / "images" / f"benchmark-{track}.png", dpi=110)
 
 
 if __name__ == "__main__":
