@@ -122,9 +122,10 @@ def test_a_pose_that_was_not_given_is_confirmed_by_motion() -> None:
     assert system.step(still).status is Status.TRACKING
 
 
-def related(change: Callable[[Pose], Pose], steps: int = WINDOW) -> MotionRelation:
+def related(change: Callable[[Pose], Pose], steps: int = WINDOW, all_round: bool = True) -> MotionRelation:
     """The relation of a robot that drives in curves, whose odometry tells its steps otherwise."""
     history, relation = MotionHistory(), MotionRelation()
+    relation.all_round = all_round
     pose, told = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
     for k in range(steps):
         stamp_ns = 100_000_000 * (k + 1)
@@ -157,6 +158,25 @@ def test_what_contradicts_is_named(change: Callable[[Pose], Pose], culprit: Culp
     explanation = relation.blame()
     assert explanation.culprit is culprit
     assert said in explanation.text
+
+
+def test_a_camera_that_shows_what_lies_ahead_does_not_look_back() -> None:
+    def around(step: Pose) -> Pose:
+        return Pose(-0.999 * step.x - 0.04 * step.y, 0.04 * step.x - 0.999 * step.y, step.heading)
+
+    assert related(around).blame().culprit is Culprit.IMAGES
+    assert related(around, all_round=False).blame().culprit is Culprit.ODOMETRY
+
+
+def test_a_pose_found_where_mirrored_images_would_put_it_is_distrusted() -> None:
+    integrity = open_system("touchline", match().setup).safeguard.integrity  # type: ignore[attr-defined]
+    before = Pose(2.0, 1.6, 3.0)
+    assert not integrity.suspect_mirror(1, Pose(2.0, 0.4, 3.0), before)
+    assert not integrity.suspect_mirror(1, Pose(2.0, -1.6, 3.0), before)
+    assert integrity.verdict.images
+    assert integrity.suspect_mirror(1, Pose(2.1, -1.5, -3.0), before)
+    assert not integrity.verdict.images
+    assert "mirrored" in integrity.verdict.reason
 
 
 def test_steps_that_agree_raise_no_alarm() -> None:
