@@ -27,6 +27,9 @@ FirstRobot = Annotated[
 OnlyRows = Annotated[
     list[str] | None, typer.Option("--rows", metavar="TEXT", help="Only rows whose name holds it; repeatable.")
 ]
+ResultsFile = Annotated[
+    Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
+]
 Quick = Annotated[bool, typer.Option("--quick", help="A tenth of the robots.")]
 
 
@@ -36,9 +39,7 @@ def suite(
         list[str],
         typer.Option("--system", metavar="NAME", help="A system; NAME:paper for its paper's form. Repeatable."),
     ],
-    results: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
-    ] = Path("results.jsonl"),
+    results: ResultsFile = Path("results.jsonl"),
     robots: Robots = None,
     first_robot: FirstRobot = None,
     rows: OnlyRows = None,
@@ -92,9 +93,7 @@ def score(
         list[Path],
         typer.Argument(metavar="RESULTS...", help="Folders, one a program: ENTRY.csv or ENTRY.tum of each drive."),
     ],
-    results: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
-    ] = Path("results.jsonl"),
+    results: ResultsFile = Path("results.jsonl"),
     robots: Robots = None,
     first_robot: FirstRobot = None,
     rows: OnlyRows = None,

@@ -53,7 +53,7 @@ _Topics = Annotated[
         "--topic", metavar="ROLE=/NAME", help="Of --dds, --rclpy: image, odometry, detections, …; repeatable."
     ),
 ]
-_SILENT_S = 3.0  # without an image until it is said what there is to be heard
+_SILENT_S = 3.0  # without an image until it is reported what was received, and what is there
 _EVERY_S = 1.0  # so often a line on the terminal
 _REPEAT_S = 5.0  # after which a problem that is shown is shown again
 
@@ -158,11 +158,11 @@ def live(
     ):
         loop = LiveLoop(link, localizer, shown.take, team_evidence)
         silence = _Silence(loop, link, console.print)
-        loop.run(lambda: stop() or silence.told() or (ends_s is not None and time.monotonic() > ends_s))
+        loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
     refused = link.refused
-    around = silence.words()
+    around = silence.received()
     link.close()
-    _tell_end(loop, {**localizer.problems, **refused}, around if silence.told_once else None)
+    _tell_end(loop, {**localizer.problems, **refused}, around if silence.reported else None)
 
 
 def _with_camera(link: Link, device: str) -> Link:
@@ -257,22 +257,22 @@ def _pair(text: str | None, option: str) -> tuple[float, float] | None:
 
 
 class _Silence:
-    """Says once what there is to be heard where no image comes."""
+    """Reports once, where no image comes, what was received."""
 
     def __init__(self, loop: LiveLoop, link: Link, tell: Callable[[str], None]) -> None:
         self._loop, self._link, self._tell = loop, link, tell
         self._due_s = time.monotonic() + _SILENT_S
-        self.told_once = False
+        self.reported = False
 
-    def told(self) -> bool:
+    def report(self) -> bool:
         """False: the loop goes on."""
         if time.monotonic() > self._due_s and not self._loop.counts["images"]:
-            self._tell(f"nothing to localise for {_SILENT_S:g} s: {self.words()}")
-            self._due_s, self.told_once = math.inf, True
+            self._tell(f"nothing to localise for {_SILENT_S:g} s: {self.received()}")
+            self._due_s, self.reported = math.inf, True
         return False
 
-    def words(self) -> str:
-        """What could be heard."""
+    def received(self) -> str:
+        """Samples of sensors, and what the link has found."""
         around = getattr(self._link, "around", None)
         return f"{counted(self._loop.counts['readings'], 'sample')} of sensors" + (f"; {around()}" if around else "")
 
@@ -327,7 +327,7 @@ class _Shown:
 
 
 def _tell_end(loop: LiveLoop, problems: dict[str, int], around: str | None) -> None:
-    """What came and what became of it. around: what else could be heard where there was silence.
+    """What came and what became of it. around: what else was received where no image came.
 
     Raises TouchlineError where there was nothing to localise, or to see with.
     """
