@@ -17,6 +17,7 @@ from urllib.parse import unquote, urldefrag
 
 ROOT = Path(__file__).parents[2]
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "docs/site/reference.md": "reference.md"}
+TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 LINK = re.compile(r"(!?\[[^]]*\]\()((?![a-z]+:|#)[^)\s]+)(\))")
 
 
@@ -31,6 +32,8 @@ def main(folder: Path) -> int:
     built = subprocess.run(command, cwd=folder, check=False)
     if built.returncode != 0:
         return built.returncode
+    for page in (folder / "site").rglob("*.html"):
+        page.write_text(TABLE.sub(with_columns, page.read_text(encoding="utf-8")), encoding="utf-8")
     broken = broken_links(folder / "site")
     print("\n".join(broken) if broken else f"{folder / 'site' / 'index.html'}: every link leads somewhere")
     return 1 if broken else 0
@@ -44,6 +47,7 @@ def stage(folder: Path) -> None:
     settings = settings.replace('paths = ["src"]', f"paths = ['{ROOT / 'src'}']")  # no link: hatchling would follow it
     (folder / "zensical.toml").write_text(settings, encoding="utf-8")
     shutil.copytree(ROOT / "docs" / "images", docs / "images", ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    shutil.copy(ROOT / "docs" / "site" / "narrow.css", docs)
     names = PAGES | {f"docs/{page.name}": page.name for page in (ROOT / "docs").glob("*.md")}
     for source, name in names.items():
         text = (ROOT / source).read_text(encoding="utf-8")
@@ -58,11 +62,19 @@ def with_site_links(text: str, source: str, names: dict[str, str]) -> str:
         target = (ROOT / source).parent.joinpath(path).resolve().relative_to(ROOT).as_posix()
         if target in names:
             return f"{link[1]}{names[target]}{hash_}{anchor}{link[3]}"
-        if target.startswith("docs/images/"):
+        if target.startswith("docs/images/") and not target.endswith(".py"):
             return f"{link[1]}{target.removeprefix('docs/')}{link[3]}"
         return f"{link[1]}{address()}/blob/main/{target}{hash_}{anchor}{link[3]}"
 
     return LINK.sub(moved, text)
+
+
+def with_columns(table: re.Match[str]) -> str:
+    """A table whose cells say of which column they are: narrow.css shows it where columns don't fit beside each other."""
+    heads = re.findall(r"<th(?=[\s>])[^>]*>(.*?)</th>", table[0], re.DOTALL)
+    heads = [re.sub("<[^>]*>", "", head).replace('"', "&quot;") for head in heads]
+    names = iter(heads * table[0].count("</tr>"))
+    return re.sub(r"<td(?=[\s>])", lambda _: f'<td data-column="{next(names)}"', table[0])
 
 
 def address() -> str:
