@@ -94,7 +94,8 @@ def test_what_a_page_names_behind_a_file_is_defined_in_it(page: Path) -> None:
 
 def test_cells_say_of_which_column_they_are(site: ModuleType) -> None:
     """So that a table can be read on a screen where its columns don't fit beside each other."""
-    table = '<table>\n<thead><tr><th>row</th><th style="x">a "<em>b</em>"</th></tr></thead>\n<tr><td>1</td><td>2</td></tr></table>'
+    heads = '<thead><tr><th>row</th><th style="x">a "<em>b</em>"</th></tr></thead>'
+    table = f"<table>\n{heads}\n<tr><td>1</td><td>2</td></tr></table>"
     moved = site.TABLE.sub(site.with_columns, f"<p>{table}</p>{table}")
     assert moved.count('<td data-column="row">1</td><td data-column="a &quot;b&quot;">2</td>') == 2
 

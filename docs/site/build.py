@@ -70,7 +70,7 @@ def with_site_links(text: str, source: str, names: dict[str, str]) -> str:
 
 
 def with_columns(table: re.Match[str]) -> str:
-    """A table whose cells say of which column they are: narrow.css shows it where columns don't fit beside each other."""
+    """A table whose cells say of which column they are: narrow.css shows it where columns don't fit side by side."""
     heads = re.findall(r"<th(?=[\s>])[^>]*>(.*?)</th>", table[0], re.DOTALL)
     heads = [re.sub("<[^>]*>", "", head).replace('"', "&quot;") for head in heads]
     names = iter(heads * table[0].count("</tr>"))
