@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import pytest
@@ -208,6 +208,9 @@ class Script:
 
     def publish(self, published: Published) -> None:
         self.published.append(published)
+
+    def around(self) -> str:
+        return "a script"
 
     def close(self) -> None: ...
 
@@ -536,6 +539,9 @@ def test_evidence_of_others_counts_only_where_it_was_asked_for() -> None:
 
         def publish(self, published: Published) -> None: ...
 
+        def around(self) -> str:
+            return ""
+
         def close(self) -> None: ...
 
     localizer = Localizer("msl-18x12")
@@ -544,3 +550,18 @@ def test_evidence_of_others_counts_only_where_it_was_asked_for() -> None:
     loop.run(lambda: not link.waiting)
     assert loop.counts["evidence"] == 1
     assert not localizer._said
+
+
+def test_a_link_says_where_it_listens_also_beside_a_camera() -> None:
+    link = UdpLink(("127.0.0.1", 0), ("127.0.0.1", 28499))
+
+    class NoImages:
+        def grab(self) -> NoReturn:
+            raise TouchlineError("no image")
+
+        def close(self) -> None: ...
+
+    both = WithCamera(link, NoImages())
+    host, port = link.address
+    assert both.around() == link.around() == f"it listens for datagrams to {host}:{port}"
+    both.close()

@@ -273,8 +273,7 @@ class _Silence:
 
     def received(self) -> str:
         """Samples of sensors, and what the link has found."""
-        around = getattr(self._link, "around", None)
-        return f"{counted(self._loop.counts['readings'], 'sample')} of sensors" + (f"; {around()}" if around else "")
+        return f"{counted(self._loop.counts['readings'], 'sample')} of sensors; {self._link.around()}"
 
 
 class _Shown:

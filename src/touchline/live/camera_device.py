@@ -68,6 +68,10 @@ class WithCamera:
         gone = self._overwritten
         return {**self._link.refused, **({"an image of the camera that nobody had time for": gone} if gone else {})}
 
+    def around(self) -> str:
+        """As the link says."""
+        return self._link.around()
+
     def close(self) -> None:
         """Let go of both."""
         self._ended = True

@@ -91,6 +91,9 @@ class Link(Protocol):
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
 
+    def around(self) -> str:
+        """What was found to be received, or where it is listened, in words: where no image comes."""
+
     def close(self) -> None:
         """Let go of the link."""
 

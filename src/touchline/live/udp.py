@@ -56,6 +56,11 @@ class UdpLink:
         unheard = {"an estimate that could not be sent": self.unheard} if self.unheard else {}
         return {**self._datagrams.refused, **unheard}
 
+    def around(self) -> str:
+        """Where it listens, in words."""
+        host, port = self.address
+        return f"it listens for datagrams to {host}:{port}"
+
     def close(self) -> None:
         """Let go of both sockets."""
         self._in.close()
