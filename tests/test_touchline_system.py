@@ -18,7 +18,7 @@ from touchline.experiments.scenes import the_camera
 from touchline.field import FieldModel, open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.estimator.bank import CARRIED_AWAY, Image, Member
+from touchline.localization.estimator.bank import Image, Member
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter
@@ -129,7 +129,7 @@ def test_lines_that_are_not_seen_speak_against_a_pose() -> None:
     image = Image(seen_of(Observation(0, points), system.features, system.statistics.noise), system.errors.response())
     system.bank.members = members.copy()
     system.bank.register(image)
-    system.bank.update(image, (), CARRIED_AWAY)
+    system.bank.update(image, (), ())
     assert all(member.explained > 0.9 for member in members)
     assert system.bank.best is members[1]
     assert system.bank.probabilities[0] > 0.9

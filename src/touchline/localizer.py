@@ -16,7 +16,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from touchline.types import (
     Estimate,
     Evidence,
     Frame,
+    GameState,
     ImageArray,
     LinePoints,
     Observation,
@@ -62,6 +63,7 @@ _ODD_ORDERS = {
     FrameOrder.CLOCK_SET_BACK: "image: more than a second older than the last ones: the clock was set back",
 }
 
+_Said = TypeVar("_Said")
 _log = logging.getLogger(__name__)
 
 
@@ -107,6 +109,7 @@ class Localizer:
         self._told: Counter[str] = Counter()
         self._pending = _Queue()
         self._said: deque[Evidence] = deque(maxlen=_MAX_EVIDENCE)
+        self._states: deque[GameState] = deque(maxlen=_MAX_EVIDENCE)
         self._stepping = threading.Lock()
         # A second history of the same samples predicts poses between images, so that the system's own is left alone.
         self._ahead = copy.deepcopy(made.history)
@@ -159,6 +162,21 @@ class Localizer:
             return
         self._said.append(said)
 
+    def add_game_state(self, stamp_ns: int, phase: str, penalty: str = "", first_half: bool = True) -> None:
+        """What the referee says, for the next image: initial, ready, set, playing or finished; this robot's penalty in
+        words, empty without one; whether it is the first half. Repeat it as often as it is said: changes count.
+
+        A prior, never a condition: the own half at kick-off; after a penalty either touch line, or where it stood.
+        Systems but touchline leave it aside.
+        """
+        stamp = self._stamp("game state", stamp_ns)
+        try:
+            said = GameState(stamp or 0, phase, str(penalty), bool(first_half))
+        except InputError:
+            self._counts.add("game state: is none, left out")
+            return
+        self._states.append(said)
+
     def use_camera(self, camera: Camera) -> None:
         """See with this camera from now on, as a robot describes it itself; localization starts anew where it was.
 
@@ -202,7 +220,8 @@ class Localizer:
                 observation=self._usable_observation(stamp, points, observation),
                 base_from_camera=self._usable_camera_pose(base_from_camera),
                 problem=None if image is None else "the image can't be used",
-                evidence=self._heard(),
+                evidence=_taken(self._said),
+                game=_taken(self._states),
             )
             self.frame = _with_samples(frame, self._pending.take())
             return self._finished(self._step(self.frame))
@@ -231,7 +250,8 @@ class Localizer:
     ) -> None:
         """Forget where the robot was. pose: x, y, theta (m, m, rad; field frame) where it stands now, with its
         covariance (3, 3) if known; own_half: all that is known is that x < 0; or the state of the game, by name:
-        kick-off, walk-in, penalty shot, penalty keeper, fallen, picked up. Waits for a `localize` under way.
+        kick-off, walk-in, penalty shot, penalty keeper, fallen, picked up; or penalised, back from a penalty, which
+        join what is believed instead of replacing it. Waits for a `localize` under way.
 
         Raises InputError for what is no pose, no covariance or no state, and for more than one of them.
         """
@@ -243,8 +263,9 @@ class Localizer:
                 last = Prior() if self._last is None else Prior(self._last.pose, covariance=self._last.covariance)
                 prior = game_prior(state, self.field, last)
             self._system.reset(prior)
-            self._ahead.clear()
-            self._prior, self._last = prior, None
+            if not prior.kept:
+                self._ahead.clear()
+                self._prior, self._last = prior, None
 
     @property
     def problems(self) -> dict[str, int]:
@@ -275,10 +296,6 @@ class Localizer:
             return stamp
         self._counts.add(f"{what}: a stamp that is no whole number of nanoseconds, left out")
         return None
-
-    def _heard(self) -> tuple[Evidence, ...]:
-        """What was said since the last image."""
-        return tuple(self._said.popleft() for _ in range(len(self._said)))
 
     def _usable_image(self, image: ImageArray | None, may_be_missing: bool) -> ImageArray | None:
         if image is None:
@@ -377,6 +394,11 @@ class Localizer:
         known = self._prior.covariance
         pose = self._prior.pose or Pose(0.0, 0.0, 0.0)
         return Estimate(stamp_ns, pose, anywhere if known is None else known, Status.SEARCHING, reason=_NO_IMAGE)
+
+
+def _taken(waiting: deque[_Said]) -> tuple[_Said, ...]:
+    """What was said since the last image."""
+    return tuple(waiting.popleft() for _ in range(len(waiting)))
 
 
 class _Queue:

@@ -92,6 +92,11 @@ def live(
     team_evidence: Annotated[
         bool, typer.Option("--team-evidence", help="What others say of where the robot is counts; anybody may say it.")
     ] = False,
+    game_controller: Annotated[
+        bool, typer.Option("--game-controller", help="Listen to the referee (UDP 3838); nothing is sent.")
+    ] = False,
+    team: Annotated[int | None, typer.Option(min=0, max=255, help="Number of its team: penalties count.")] = None,
+    player: Annotated[int | None, typer.Option(min=1, max=20, help="Its number in the team.")] = None,
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
@@ -115,6 +120,8 @@ def live(
     _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros)
     if (dds or network) and rclpy:
         raise InputError(f"{'--dds' if dds else '--network'} --rclpy: ROS itself carries the messages then")
+    if (team is None) != (player is None) or (team is not None and not game_controller):
+        raise InputError("--team and --player belong together, and to --game-controller")
     namespace = _as_namespace(namespace)
     udp, to = udp or str(_PORT), to or str(_PORT + 1)
     if camera is not None and str(camera).startswith("/dev/"):
@@ -144,6 +151,10 @@ def live(
         link = UdpLink(address(udp, "--udp"), address(to, "--to"))
     if device is not None:
         link = _with_camera(link, device)
+    if game_controller:
+        from touchline.live.game_controller import GameController, WithGameController
+
+        link = WithGameController(link, GameController(team, player))
     console = errors_console()
     where = (
         f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if ros else f"hears udp {udp}, tells udp {to}"

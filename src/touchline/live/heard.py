@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from touchline.camera import Camera
 from touchline.geometry import FloatArray, Pose, Pose3
-from touchline.types import Estimate, Evidence, ImageArray, Observation
+from touchline.types import Estimate, Evidence, GameState, ImageArray, Observation
 
 SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}  # and how many numbers each gives
 
@@ -55,7 +55,7 @@ class Described:
     camera: Camera
 
 
-Heard: TypeAlias = Reading | Sight | Start | Evidence | Described
+Heard: TypeAlias = Reading | Sight | Start | Evidence | Described | GameState
 
 
 @dataclass(frozen=True, eq=False, slots=True)

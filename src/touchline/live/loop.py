@@ -22,7 +22,7 @@ from touchline.files.images import decode
 from touchline.geometry import Pose, wrap_angle
 from touchline.live.heard import Described, Heard, Link, Published, Reading, Sight, Start
 from touchline.localizer import Localizer
-from touchline.types import Estimate, Evidence, ImageArray
+from touchline.types import Estimate, Evidence, GameState, ImageArray
 
 HEARING_S = 0.1  # how long the loop may wait before it looks whether it shall end
 _MAX_ODOMETRY = 2_000
@@ -90,6 +90,8 @@ class LiveLoop:
             self._begin(heard)
         elif isinstance(heard, Described):
             self._localizer.use_camera(heard.camera)
+        elif isinstance(heard, GameState):
+            self._localizer.add_game_state(heard.stamp_ns, heard.phase, heard.penalty, heard.first_half)
         elif isinstance(heard, Evidence) and not self._team_evidence:
             self.counts["evidence"] += 1
         elif isinstance(heard, Evidence):

@@ -105,10 +105,15 @@ def resolved(there: tuple[str, int]) -> tuple[str, int]:
     return str(host), int(port)
 
 
-def bound(here: tuple[str, int]) -> socket.socket:
-    """A socket that hears on an address. Raises InputError for one that is taken, or not of this machine."""
+def bound(here: tuple[str, int], shared: bool = False) -> socket.socket:
+    """A socket that hears on an address. shared: with other programs, which hear broadcasts there, too.
+
+    Raises InputError for one that is taken, or not of this machine.
+    """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
+        for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT) if shared else ():
+            opened.setsockopt(socket.SOL_SOCKET, option, 1)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         opened.bind(here)
     except (OSError, OverflowError, UnicodeError) as error:

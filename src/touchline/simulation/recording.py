@@ -19,6 +19,7 @@ from touchline.simulation.run import Simulation, image_name
 from touchline.simulation.sequence import JPEG_QUALITY
 from touchline.sources.observations import HEADER, OBSERVATIONS, observation_rows
 from touchline.types import Frame, ImageArray, Samples
+from touchline.types.game import PHASES, STAYS
 
 _MARK_NOISE_PX = 0.15  # of marks that somebody has clicked at, or a detector has found
 
@@ -53,6 +54,8 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     _write_samples(folder / "odometry.csv", "t,x,y,theta", sensors.odometry, last_ns)
     _write_samples(folder / "wheels.csv", "t,a,b", sensors.wheels, last_ns)
     _write_samples(folder / "imu.csv", "t,roll,pitch,yaw,gx,gy,gz", sensors.imu, last_ns)
+    if simulation.game_states:
+        _write_samples(folder / "game_states.csv", "t,phase,penalised,first_half", _said(simulation), last_ns)
     _write_truth(folder / "ground_truth.tum", simulation)
     if not images:
         _write_observations(simulation, folder, on_frame)
@@ -107,6 +110,13 @@ def _write_samples(path: Path, header: str, samples: Samples, last_ns: int) -> N
     count = int(np.searchsorted(samples.stamp_ns, last_ns, side="right"))
     rows = zip(samples.stamp_ns[:count].tolist(), samples.values[:count].tolist(), strict=True)
     _write_lines(path, [header, *(",".join([f"{t / 1e9:.3f}", *(f"{value:.6f}" for value in row)]) for t, row in rows)])
+
+
+def _said(simulation: Simulation) -> Samples:
+    """What the referee says, as numbers."""
+    said = simulation.game_states
+    rows = [[PHASES.index(one.phase), 2 * (one.penalty == STAYS) or bool(one.penalty), one.first_half] for one in said]
+    return Samples(np.array([one.stamp_ns for one in said]), np.array(rows, dtype=np.float64))
 
 
 def _write_truth(path: Path, simulation: Simulation) -> None:

@@ -28,6 +28,7 @@ from touchline.simulation.observation.observed_lines import (
     leaning_view,
 )
 from touchline.simulation.observation.point_errors import ObservationNoise
+from touchline.simulation.robot.match import referee_says
 from touchline.simulation.robot.motions import make_track
 from touchline.simulation.robot.others import bodies_at, make_others
 from touchline.simulation.robot.sensors import arrived_by, simulate_sensors
@@ -40,7 +41,7 @@ from touchline.simulation.world.hall import beside_lines
 from touchline.simulation.world.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
 from touchline.sources.folder import known_columns
-from touchline.types import Frame, ImageArray, LinePoints, Observation, Samples, empty_points
+from touchline.types import Frame, GameState, ImageArray, LinePoints, Observation, Samples, empty_points
 
 LEVELS = ("images", "points")
 _BALL = (0.11, 0.22)
@@ -177,6 +178,7 @@ class Simulation:
             )
         )
         images, stamp_ns = self.level == "images", int(self.image_stamps[index])
+        said = slice(*np.searchsorted(self._said_ns, [self.image_stamps[index - 1] if index else 0, stamp_ns], "right"))
         return Frame(
             stamp_ns=stamp_ns,
             image=self.image(index) if images else None,
@@ -188,8 +190,19 @@ class Simulation:
             tilt=known_columns(imu, 0, 2),
             exposure_ms=self.exposure_ms if images else None,
             gain=self.gain if images else None,
+            game=self.game_states[said],
             name=image_name(index),
         )
+
+    @cached_property
+    def game_states(self) -> tuple[GameState, ...]:
+        """What the referee says in a match."""
+        match, game = self.track.match, self.scenario.game
+        return referee_says(match, self.scenario.seconds, game.missed_ready) if game.half_s else ()
+
+    @cached_property
+    def _said_ns(self) -> list[int]:
+        return [said.stamp_ns for said in self.game_states]
 
     @cached_property
     def _covered(self) -> list[bool]:

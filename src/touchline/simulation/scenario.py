@@ -179,6 +179,14 @@ class DisturbanceSettings(Settings):
     shove_deg: float = Field(10.0, ge=0, le=180, description="standard deviation of the rotation of a shove (degrees)")
 
 
+class GameSettings(Settings):
+    """A match with a referee: penalties, pick-ups, falls, half-time, in which the robot stays where it is put."""
+
+    half_s: float = Field(0.0, ge=0, description="half-time comes after so long (s); 0: no match")
+    every_s: float = Field(60.0, gt=0, description="mean time between what happens to the robot (s)")
+    missed_ready: tuple[bool, bool] = Field((False, False), description="whether a half's READY is not received")
+
+
 class OthersSettings(Settings):
     """Other robots and balls."""
 
@@ -238,6 +246,7 @@ class Scenario(Settings):
     light: LightSettings = LightSettings()
     motion: MotionSettings = MotionSettings()
     disturbances: DisturbanceSettings = DisturbanceSettings()
+    game: GameSettings = GameSettings()
     others: OthersSettings = OthersSettings()
     hall: HallSettings = HallSettings()
     sensors: SensorSettings = SensorSettings()

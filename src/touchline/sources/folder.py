@@ -26,7 +26,8 @@ from touchline.sources.sensors import SensorStream
 from touchline.sources.source import Truth
 from touchline.sources.tables import StampArray, Table, TableError, open_table
 from touchline.sources.truth import TRUTH, read_truth
-from touchline.types import Frame, ImageArray, Observation, Samples
+from touchline.types import Frame, GameState, ImageArray, Observation, Samples
+from touchline.types.game import PHASES, STAYS
 
 if TYPE_CHECKING:
     from touchline.camera import Camera
@@ -46,6 +47,7 @@ SENSOR_FILES = {
     "tilt": "imu.csv",
 }
 """The table in which a recording keeps each sensor of `Frame`."""
+GAME_STATES, _GAME_COLUMNS = "game_states.csv", ("phase", "penalised", "first_half")
 _MAY_BE_EMPTY = SENSOR_COLUMNS["imu.csv"]  # three sensors in one file: a robot without compass has the others
 
 
@@ -99,9 +101,10 @@ class Recording:
         self._stamp_ns: StampArray = frames.stamp_ns
         self._observed = self._match_observations()
         self._tables: dict[str, Table] = {}
-        for name, columns in (*SENSOR_COLUMNS.items(), (CAMERA_POSES, CAMERA_POSE_COLUMNS)):
+        others = (CAMERA_POSES, CAMERA_POSE_COLUMNS), (GAME_STATES, _GAME_COLUMNS)
+        for name, columns in (*SENSOR_COLUMNS.items(), *others):
             self._open_sensor(name, columns)
-        self._camera_poses = self._tables.pop(CAMERA_POSES, None)
+        self._camera_poses, self._game = self._tables.pop(CAMERA_POSES, None), self._tables.pop(GAME_STATES, None)
         self.truth: Truth | None = None
         """The true poses, where they are known. For evaluation only."""
         if (folder / TRUTH).exists():
@@ -265,6 +268,8 @@ class Recording:
             for name, table in self._tables.items()
         }
         poses = None if self._camera_poses is None else CameraPoses(self._camera_poses, log)
+        if self._game is not None:
+            streams[GAME_STATES] = SensorStream(self._game, _GAME_COLUMNS, log)
         pictures = self._pictures(log, seen)
         for index, observation in enumerate(self._seen(log, seen)):
             stamp = int(self._stamp_ns[index])
@@ -284,6 +289,7 @@ class Recording:
                 tilt=known_columns(imu, 0, 2),
                 exposure_ms=exposure,
                 gain=gain,
+                game=game_states(taken.get(GAME_STATES)),
                 name=name,
                 problem=problem,
             )
@@ -385,3 +391,15 @@ def known_columns(samples: Samples | None, start: int, stop: int) -> Samples | N
     if known.all():
         return Samples(samples.stamp_ns, values)
     return Samples(samples.stamp_ns[known], values[known]) if known.any() else None
+
+
+def game_states(rows: Samples | None) -> tuple[GameState, ...]:
+    """What the referee said: phase by its number in `PHASES`; penalised 0, 1, or 2 for one that moves nobody."""
+    if rows is None:
+        return ()
+    penalties = ("", "removed", STAYS)
+    return tuple(
+        GameState(stamp_ns, PHASES[int(phase)], penalties[int(penalised)], first_half == 1.0)
+        for stamp_ns, (phase, penalised, first_half) in zip(rows.stamp_ns.tolist(), rows.values.tolist(), strict=True)
+        if phase in range(len(PHASES)) and penalised in range(len(penalties))
+    )

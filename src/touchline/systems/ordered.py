@@ -36,9 +36,10 @@ class OrderedSystem:
         self._begin(prior)
 
     def reset(self, prior: Prior | None = None) -> None:
-        """Forget everything but the prior; the counts stay."""
+        """Forget everything but the prior; the counts stay. One that keeps something joins what is believed."""
         self.system.reset(prior)
-        self._begin(prior)
+        if prior is None or not prior.kept:
+            self._begin(prior)
 
     def _begin(self, prior: Prior | None) -> None:
         self._prior = prior or Prior()
@@ -77,7 +78,9 @@ class OrderedSystem:
 
 
 def with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:
-    """A frame with the samples of those dropped before it, too; what another clock has stamped is left out."""
+    """A frame with the samples of those dropped before it, and what the referee said; what another clock has stamped is
+    left out.
+    """
     joined: dict[str, Any] = {}
     for sensor in _SENSORS:
         before = Samples.joined(getattr(each, sensor) for each in dropped)
@@ -85,4 +88,5 @@ def with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:
             near = before.stamp_ns <= frame.stamp_ns + _AHEAD_NS
             near_before = Samples(before.stamp_ns[near], before.values[near])
             joined[sensor] = Samples.joined((near_before, getattr(frame, sensor)))
-    return replace(frame, **joined)
+    said = tuple(state for each in dropped for state in each.game)
+    return replace(frame, **joined, game=(*said, *frame.game))

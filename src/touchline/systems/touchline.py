@@ -7,6 +7,8 @@ image ─▶ points, lines, features ─▶ registration from every hypothesis �
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +21,7 @@ from touchline.localization.camera_errors.perspective import HEIGHT_M, ahead
 from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, could_be_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
-from touchline.localization.estimator.field_end import FieldEnd
+from touchline.localization.estimator.field_end import PRIOR_LOG_ODDS, FieldEnd
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.localization.estimator.integrity import Jump
 from touchline.localization.estimator.measurements import MEASUREMENTS
@@ -30,6 +32,7 @@ from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay
 from touchline.localization.estimator.watch import Ends, FieldWatch
+from touchline.localization.estimator.whereabouts import FALL, LYING, Posture, Whereabouts, joined
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.seen import seen_of
@@ -40,6 +43,7 @@ from touchline.motion.delayed import until_stamp
 from touchline.motion.driven import Scales
 from touchline.motion.start import StartSettings
 from touchline.perception import detector_for, observe
+from touchline.systems.game_states import Referee
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
@@ -124,6 +128,7 @@ class Touchline:
         self.open_parts(camera_errors(setup.camera, setup.height_m))
         self.safeguard = Safeguard(self.registration, field)
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
+        self.referee, self.posture = Referee(field), Posture()
         self.reset()
 
     def open_parts(self, errors: CameraErrors) -> None:
@@ -145,8 +150,10 @@ class Touchline:
         self.judged = PoseStatus(criteria, errors.trust)
 
     def reset(self, prior: Prior | None = None) -> None:
-        """Forget everything but the prior."""
+        """Forget everything but the prior; one that keeps something joins what is believed."""
         prior = as_prior(prior)
+        if prior.kept:
+            return self.join(prior)
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()
@@ -165,7 +172,26 @@ class Touchline:
         self.judged.reset(tracking=start is not None)
         self.watch.reset()
         self.safeguard.reset(start, confirmed=prior != Prior())
+        self.referee.reset()
+        self.posture.reset()
         self.before_ns, self.problems = 0, tuple[str, ...]()
+        self.whereabouts: Whereabouts | None = None
+        if prior.poses:
+            self.join(prior)
+
+    def join(self, prior: Prior) -> None:
+        """Take what has happened to the robot: it may stand elsewhere by now."""
+        best = self.bank.best
+        if prior.kept == 1.0 and self.whereabouts is None and best is not None and self.judged.images:
+            half = math.copysign(PRIOR_LOG_ODDS, -best.filter.pose.x) if prior.own_half else 0.0
+            return self.end.take_prior(min(max(self.end.prior_log_odds + half, -PRIOR_LOG_ODDS), PRIOR_LOG_ODDS))
+        field = self.setup.field
+        area_m2 = (field.length + 1.0) * (field.width + 1.0)
+        self.whereabouts = joined(self.bank, self.end.probability, self.whereabouts, prior, area_m2)
+        self.zone, self.own_half = None, False
+        self.judged.reset(tracking=False)
+        self.watch.reset()
+        self.safeguard.reset(confirmed=True)
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
@@ -178,7 +204,7 @@ class Touchline:
         if self.judged.sees(image.seen):
             self.bank.register(image)  # register: fit the image from every hypothesis
             modes = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
-            self.bank.update(image, modes, self.judged.carried_log_odds, frame.evidence)  # fuse, weigh
+            self.bank.update(image, modes, self._carried(modes), frame.evidence)  # fuse, weigh
             self._judge_end(frame, observation, seconds)  # which end of the field
             self._judge_sensors(frame, image)  # does any sensor contradict the others?
         self._judge_status(seconds)  # is the pose tracked?
@@ -191,7 +217,20 @@ class Touchline:
         before_ns = self.history.clocks.frame_ns
         self.history.add(frame)
         self.before_ns, self.problems = frame.stamp_ns if before_ns is None else before_ns, ()
-        return 1e-9 * (frame.stamp_ns - self.before_ns)
+        seconds = 1e-9 * (frame.stamp_ns - self.before_ns)
+        self._take_events(frame, seconds)
+        return seconds
+
+    def _take_events(self, frame: Frame, seconds: float) -> None:
+        """What the referee says, and whether the robot lies; what it felt of a fall is not believed."""
+        for said in frame.game:
+            for prior in self.referee.update(said):
+                self.join(prior)
+        self.posture.update(frame.stamp_ns, None if frame.tilt is None else frame.tilt.values)
+        if self.posture.fell:
+            self.join(FALL)
+        if self.posture.lies and self.whereabouts is not None:
+            self.whereabouts.loosen(seconds * LYING)
 
     @property
     def _estimated_delay_s(self) -> float:
@@ -202,9 +241,13 @@ class Touchline:
     def _predict(self, frame: Frame, seconds: float) -> FloatArray | None:
         """From when the last image was taken to when this one was; (3,) by how much that may be off, robot frame."""
         self.stuck.update(frame.compass)
+        if self.posture.lies:
+            return None
         moved = self.safeguard.motion(self.history, (self.before_ns, frame.stamp_ns), self._estimated_delay_s)
         self.bank.predict(moved, seconds)
         self.safeguard.carry(moved, seconds)
+        if self.whereabouts is not None:
+            self.whereabouts.predict(moved, seconds, self.bank.steps.of(moved.motion))
         self.followed = self.bank.best
         self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
@@ -213,6 +256,8 @@ class Touchline:
         """A frame with the lean at which its image was taken, and what is seen in it."""
         if self.setup.leans:
             frame = self.leaning.at_image(frame, round(1e9 * self._estimated_delay_s))
+        if self.posture.lies:
+            return frame, Observation(frame.stamp_ns)
         return frame, self.clock.perception(observe, frame, self.detector, self.max_range_m)
 
     def _describe_camera(self, seen: Observation) -> None:
@@ -231,7 +276,7 @@ class Touchline:
 
     def _search(self, frame: Frame, observation: Observation, image: Image) -> tuple[Mode, ...]:
         """Poses that explain an image, if the field is searched now."""
-        part = self.watch.part(self.judged.is_in_doubt(self.bank.best))
+        part = self.watch.part(self.whereabouts is not None or self.judged.is_in_doubt(self.bank.best))
         if part is None:
             return ()
         known, ends = self._known(self._compass(frame)), Ends(self.end.symmetric, self.own_half)
@@ -239,7 +284,14 @@ class Touchline:
         def view_at(errors: FloatArray) -> FeatureView:
             return self._view(observation, errors, image.response)
 
-        return self.watch.modes(image, view_at, self.bank, known, part, ends)
+        modes = self.watch.modes(image, view_at, self.bank, known, part, ends)
+        return modes if self.whereabouts is None else self.whereabouts.at_likelier_end(modes)
+
+    def _carried(self, modes: Sequence[Mode]) -> list[float]:
+        """Log-odds that the robot was moved unfelt to poses that were found."""
+        if self.whereabouts is not None:
+            return self.whereabouts.gains(modes, self.bank.best)
+        return len(modes) * [self.judged.carried_log_odds]
 
     def _view(self, observation: Observation, errors: FloatArray, response: Response) -> FeatureView:
         """The features of an image without errors (K,) of the camera."""
@@ -272,6 +324,8 @@ class Touchline:
             self._begin_end(best, compass_rad)
         elif best.shoved or best is not self.followed:
             end.jumped()
+        if self.whereabouts is not None and self.bank.best is not None:
+            end.take_prior(self.whereabouts.log_odds(self.bank.best.filter.pose))
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(_compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell:
@@ -287,7 +341,8 @@ class Touchline:
         """Whether images and odometry are trusted."""
         best = self.bank.best
         elsewhere = best is None or not could_be_shove(best.filter.pose.as_array() - self.predicted)
-        predicted = None if self.followed is None else Pose(*self.predicted.tolist())
+        unexpected = self.followed is None or (elsewhere and self.whereabouts is not None)
+        predicted = None if unexpected else Pose(*self.predicted.tolist())
         jump = Jump(predicted, predicted is None or elsewhere)
         self.problems += self.safeguard.update(
             frame.stamp_ns, image, self.bank, self.end, self.history, self.delay, jump
@@ -316,7 +371,12 @@ class Touchline:
 
     def _judge_status(self, seconds: float) -> None:
         """Whether the pose is tracked."""
-        if self.judged.update(self.bank, self.end, seconds) is Status.TRACKING:
+        tracked = self.judged.update(self.bank, self.end, seconds) is Status.TRACKING
+        where = self.whereabouts
+        shown = where is not None and self.judged.blind_frames == 0
+        if where is not None and shown and where.settles(self.bank.best, tracked and not self.referee.penalty):
+            self.whereabouts = None
+        if tracked:
             self.problems += self.end.report_undecided(seconds)
 
     def _judge_delay(self, frame: Frame) -> None:
@@ -361,6 +421,11 @@ class Touchline:
         status, held, reason = self.judged.status, self.safeguard.held, self.safeguard.verdict.reason
         if status is Status.TRACKING and not self.safeguard.integrity.is_believed:
             status, reason = Status.SEARCHING, self.safeguard.integrity.reason
+        unseen = self._unseen_reason()
+        if unseen:
+            status, reason = Status.SEARCHING, unseen
+        if best is None and self.whereabouts is not None and self.whereabouts.best is not None:
+            pose, covariance = self.whereabouts.best.pose, self.whereabouts.best.covariance
         if held is not None:
             others.append(Hypothesis(pose, residual_m, None, covariance))
             pose, covariance = held.pose, held.covariance
@@ -388,6 +453,16 @@ class Touchline:
             statistics=self.safeguard.integrity.statistics,
             odometry=None if best is None else best.filter.odometry,
         )
+
+    def _unseen_reason(self) -> str:
+        """Why images have not confirmed yet where the robot stands since something moved it."""
+        if self.posture.lies:
+            return "the robot lies"
+        if self.referee.penalty:
+            return f"penalised: {self.referee.penalty}"
+        if self.whereabouts is None:
+            return ""
+        return "which end of the field is open" if self.end.undecided else "moved: not yet confirmed by images"
 
     def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:
         """A filter propagated from when the last image was taken to its stamp."""

@@ -14,6 +14,7 @@ from touchline.types.frame import (
     ImageArray,
     Samples,
 )
+from touchline.types.game import GameState
 from touchline.types.seen import (
     MAX_OBSERVED_POINTS,
     Colors,
@@ -36,6 +37,7 @@ from touchline.types.seen import (
 from touchline.types.system import (
     Prior,
     System,
+    WeightedPose,
     as_prior,
 )
 
@@ -48,6 +50,7 @@ __all__ = [
     "Estimate",
     "Evidence",
     "Frame",
+    "GameState",
     "Hypothesis",
     "ImageArray",
     "KindArray",
@@ -62,6 +65,7 @@ __all__ = [
     "Samples",
     "Status",
     "System",
+    "WeightedPose",
     "as_prior",
     "check_point_count",
     "empty_points",

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.given import given_numbers, refused
+from touchline.types.game import GameState
 from touchline.types.seen import Observation
 
 ImageArray = npt.NDArray[np.uint8]
@@ -103,8 +104,8 @@ class Frame:
     image. base_from_camera: pose of the camera body in the base frame at this stamp, lean of the body included; it
     takes the place of the camera's mount and of `tilt`. odometry: x, y, theta in the odometry frame.
     wheels: a, b travelled (m). gyro: gx, gy, gz (rad/s). compass: yaw in the field frame (rad).
-    tilt: roll, pitch (rad). evidence: what others say of the pose. measurements: of further sensors, arrays by their
-    names. `problem` says why an expected image is missing.
+    tilt: roll, pitch (rad). evidence: what others say of the pose. game: what the referee says. measurements: of
+    further sensors, arrays by their names. `problem` says why an expected image is missing.
     Anything but the stamp may be missing (None).
     """
 
@@ -122,6 +123,7 @@ class Frame:
     name: str = ""
     problem: str | None = None
     evidence: tuple[Evidence, ...] = ()
+    game: tuple[GameState, ...] = ()
     measurements: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __repr__(self) -> str:

@@ -16,24 +16,55 @@ from touchline.types.frame import Frame
 
 
 @dataclass(frozen=True, slots=True)
+class WeightedPose:
+    """A pose that a robot may have, its covariance (3, 3) in (m, m, rad), and the probability of being the right one.
+
+    Raises InputError for what is none of these.
+    """
+
+    pose: Pose
+    covariance: FloatArray = field(compare=False)
+    weight: float
+
+    def __post_init__(self) -> None:
+        _check_covariance(self.pose, self.covariance)
+        if not (all(map(math.isfinite, self.pose)) and 0.0 < self.weight <= 1.0):
+            raise InputError(f"a weighted pose needs finite numbers and a weight above 0 and up to 1, got {self!r:.80}")
+
+
+@dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known before the first frame: a pose, the own half (x < 0), or nothing.
+    """What is known before the first frame: a pose, the own half (x < 0), or nothing; or what has happened since.
 
     covariance: (3, 3) of the pose in (m, m, rad); None: as the system's settings have it.
-    Raises InputError for a pose and a half, and for a pose or covariance that is none.
+
+    poses: where the robot may stand by now. kept: probability that what was believed still holds; above 0 the prior
+    joins it instead of replacing it. spread (3, 3): by how much the robot has moved then, unfelt. What is left of 1
+    counts for anywhere on the field; own_half beside `kept` or `poses`: all of it is likelier there.
+    Raises InputError for a pose and a half, for a pose or covariance that is none, and for weights beyond 1.
     """
 
     pose: Pose | None = None
     own_half: bool = False
     covariance: FloatArray | None = field(default=None, compare=False)
+    poses: tuple[WeightedPose, ...] = ()
+    kept: float = 0.0
+    spread: FloatArray | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.kept <= 1.0 or self.rest < -1e-9 or (self.pose is not None and (self.kept or self.poses)):
+            raise InputError("a prior has a pose, or weighted poses and what is kept, of 1 together")
         if self.pose is not None and not all(math.isfinite(value) for value in self.pose):
             raise InputError(f"the start pose {tuple(self.pose)} must be three finite numbers: x, y (m), heading (rad)")
         if self.pose is not None and self.own_half:
             raise InputError("give a start pose or the own half, not both")
         if self.covariance is not None:
             _check_covariance(self.pose, self.covariance)
+
+    @property
+    def rest(self) -> float:
+        """Probability of standing elsewhere than at the weighted poses and at what is kept."""
+        return 1.0 - self.kept - sum(one.weight for one in self.poses)
 
 
 def as_prior(prior: object) -> Prior:

@@ -130,10 +130,15 @@ class Bank:
 
     def reset(self, start: Filter | None = None) -> None:
         """Follow this pose alone, or none."""
-        self.members = [] if start is None else [Member(start, 0.0, self.trust.confirming_images)]
-        self.confirmed = False
+        self.follow([] if start is None else [Member(start, 0.0, self.trust.confirming_images)], self.start)
         self.statistics.reset()
         self.steps.reset()
+
+    def follow(self, members: Sequence[Member], learned: Filter) -> None:
+        """Follow these, none of them confirmed. learned: what is known of odometry and camera until one is."""
+        self.members: list[Member] = []
+        self.confirmed, self._learned = False, learned
+        self._settle(members)
 
     @property
     def best(self) -> Member | None:
@@ -158,7 +163,7 @@ class Bank:
     @property
     def knowing(self) -> Filter:
         """The filter whose camera errors and odometry scales are used: a wrong pose has learned wrong ones."""
-        return self.members[0].filter if self.members and self.confirmed else self.start
+        return self.members[0].filter if self.members and self.confirmed else self._learned
 
     def predict(self, moved: Delayed, seconds: float) -> None:
         """Propagate every member by the odometry."""
@@ -190,21 +195,28 @@ class Bank:
         if self.members:
             self.members.sort(key=lambda each: -(each.log_odds + each.log_evidence))
 
-    def update(self, image: Image, modes: Sequence[Mode], carried: float, evidence: Sequence[Evidence] = ()) -> None:
+    def update(
+        self, image: Image, modes: Sequence[Mode], carried: Sequence[float], evidence: Sequence[Evidence] = ()
+    ) -> None:
         """Fuse the image that was registered, and weigh the members; modes: poses that a search has found in it.
 
-        carried: logarithm of the odds that the robot was moved unfelt. evidence: of others.
+        carried: logarithm of the odds, for each of them, that the robot was moved there unfelt. evidence: of others.
         """
-        new = [self._found(mode, image) for mode in modes if not self._is_followed(mode.pose, image)]
-        before = max((one.log_odds for one in self.members), default=-carried)
+        each = [
+            (mode, odds) for mode, odds in zip(modes, carried, strict=True) if not self._is_followed(mode.pose, image)
+        ]
+        new, before = (
+            [self._found(mode, image) for mode, _ in each],
+            max((m.log_odds for m in self.members), default=0.0),
+        )
         every = [*self.members, *new]
         if not every:
             return
         self._weigh_unseen(every, image)
         top = max((one.log_evidence for one in self.members), default=math.inf)
         trust = self.trust.of(image.seen.crude)
-        for one in new:
-            one.log_odds = before + carried
+        for one, (_, odds) in zip(new, each, strict=True):
+            one.log_odds = before + odds
             one.log_evidence = min(one.log_evidence, top + trust.found_gain)
         top = max(one.log_evidence for one in every)
         for one in every:
@@ -220,7 +232,7 @@ class Bank:
 
     def take_delay(self, delay_s: float, deviation_s: float) -> None:
         """Take a stamp delay that another measurement than the odometry has given."""
-        for one in (self.start, *(member.filter for member in self.members)):
+        for one in (self.start, self._learned, *(member.filter for member in self.members)):
             one.take_delay(delay_s, deviation_s)
 
     def upright(self, image: Image) -> FloatArray:

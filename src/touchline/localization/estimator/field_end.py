@@ -74,6 +74,11 @@ class FieldEnd:
         self.compass.begin(compass_error_rad)
         self._support = supports(compass_error_rad)
 
+    def take_prior(self, log_odds: float) -> None:
+        """Take the log-odds of the pose against its twin by what happened to the robot; open where none is likelier."""
+        self.prior_log_odds = log_odds
+        self.undecided = self.symmetric and abs(self.log_odds) < -REFUTED
+
     @property
     def memory(self) -> EndMemory:
         """What is known now."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.simulation.robot.drive import DriveLimits, Jumps, drive_through
+from touchline.simulation.robot.match import CARRIED, Happening, lean_in_falls, make_match
 from touchline.simulation.robot.noise import drift
 from touchline.simulation.robot.track import STEP_S, Track
 from touchline.simulation.scenario import MotionSettings, Place, Scenario
@@ -25,14 +26,22 @@ _PASS_M = 0.5  # in a match the robot turns to its next aim this far from the la
 def make_track(scenario: Scenario, field: FieldModel, rng: np.random.Generator) -> Track:
     """The true motion over the whole run. Raises InputError for places beyond the carpet."""
     rows = math.ceil(scenario.seconds / STEP_S) + 11  # beyond the last image by what interpolation may ask for
-    place_rng, kidnap_rng, shove_rng, sway_rng = rng.spawn(4)
+    place_rng, kidnap_rng, shove_rng, sway_rng, match_rng = rng.spawn(5)
     targets, dwell_s = targets_for(scenario.motion, field, place_rng)
     carried_rows, carried_to, covered, events = _kidnaps(scenario, field, rows, kidnap_rng)
     shoved, shove_events = _shoves(scenario, rows, shove_rng)
     motion = scenario.motion
     top, pass_m = motion.turn_rad_s, _PASS_M if motion.kind == "match" else 0.0
     limits = DriveLimits(motion.speed_m_s, motion.acceleration_m_s2, top, 3.0 * top, pass_m)
-    poses = drive_through(targets, dwell_s, limits, Jumps(carried_rows, carried_to, shoved))
+    game = scenario.game
+    match = make_match(game.half_s, game.every_s, scenario.seconds, field, match_rng) if game.half_s else ()
+    if match:
+        poses, carried_rows = _played(match, rows, lambda jumps: drive_through(targets, dwell_s, limits, jumps))
+        for each in match:
+            covered[each.rows] = each.kind in CARRIED
+        events = (*events, *({"t": round(each.start_s, 4), "kind": each.kind, "until_s": each.end_s} for each in match))
+    else:
+        poses = drive_through(targets, dwell_s, limits, Jumps(carried_rows, carried_to, shoved))
     carried = np.zeros_like(poses)
     for row in carried_rows:
         carried[row] = poses[row] - poses[row - 1]
@@ -40,9 +49,30 @@ def make_track(scenario: Scenario, field: FieldModel, rng: np.random.Generator) 
     attitude: FloatArray = np.zeros((rows, 2))
     if motion.kind in ("walk", "walk-in-place"):
         attitude = _sway(motion, poses, carried + shoved, sway_rng)
+    lean_in_falls(attitude, match)
     _check_stays(poses, field)
     happened = sorted(events + shove_events, key=lambda event: float(event["t"]))
-    return Track(poses, shoved, carried, attitude, covered, tuple(happened))
+    return Track(poses, shoved, carried, attitude, covered, tuple(happened), match)
+
+
+def _played(
+    match: Sequence[Happening], rows: int, drive: Callable[[Jumps], FloatArray]
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Poses (rows, 3) of a robot that goes nowhere while something happens to it, and at which rows it is moved."""
+    stands = np.zeros(rows, dtype=np.bool_)
+    for each in match:
+        stands[each.rows] = True
+    index = np.cumsum(~stands) - 1  # the step of its own way at each row
+    moved = [each for each in match if each.to is not None or each.moved is not None]
+    at = [(each.rows.start + each.rows.stop) // 2 for each in moved]
+    to, still = np.zeros((len(moved), 3)), np.zeros((int(index[-1]) + 1, 3))
+    for k, each in enumerate(moved):  # a fall begins where the robot is by then
+        here = drive(Jumps(index[at[:k]] + 1, to[:k], still))[index[each.rows.start]]
+        to[k] = here + each.moved if each.to is None else each.to
+    poses = drive(Jumps(index[at] + 1, to, still))[index]
+    for row, each, place in zip(at, moved, to, strict=True):
+        poses[row : each.rows.stop] = place
+    return poses, np.array(at, dtype=np.int64)
 
 
 def targets_for(motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

@@ -23,7 +23,7 @@ class Track:
     shoved, carried: float64 (N, 3), the part of the step *to* each row (field frame; m, m, rad) that was not driven.
     Wheels and odometry feel neither of them; the gyro feels the rotation of a shove; the compass shows all.
     attitude: float64 (N, 2) roll, pitch (rad) of the body. covered: bool (N,), whether the camera is covered.
-    events: as in sequence.yaml.
+    events: as in sequence.yaml. match: what happens in one (`Happening`).
     """
 
     poses: FloatArray
@@ -32,6 +32,7 @@ class Track:
     attitude: FloatArray
     covered: npt.NDArray[np.bool_]
     events: tuple[Mapping[str, Any], ...] = ()
+    match: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.poses)

@@ -23,6 +23,7 @@ TABLES = {
     "wheels.csv": "/touchline/wheels",
     "imu.csv": "/touchline/imu",
     "camera_pose.csv": "/touchline/camera_pose",
+    "game_states.csv": "/touchline/game_states",
     "observations.csv": "/touchline/observations",
     "ground_truth.tum": "/touchline/ground_truth",
     "images.csv": IMAGE_ROWS,

@@ -1,0 +1,232 @@
+"""What a match does to a robot: the referee, penalties, falls, pick-ups, restarts, a team that lies."""
+
+from __future__ import annotations
+
+import math
+import socket
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_touchline_system import FIELD, errors, frame, seen
+
+from touchline.cli import main
+from touchline.errors import InputError
+from touchline.geometry import Pose
+from touchline.live.game_controller import GameController, WithGameController
+from touchline.live.heard import Heard, Published
+from touchline.localizer import Localizer
+from touchline.simulation.recording import write_recording
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.sources import open_source
+from touchline.systems import RobotSetup
+from touchline.systems.game_states import Referee, game_prior
+from touchline.systems.touchline import Touchline, TouchlineSettings
+from touchline.types import Estimate, Frame, GameState, Prior, Samples, Status, WeightedPose
+
+# teams 5 and 12; PLAYING (3) in the first half; player 2 of team 12 has the penalty named, 33 s and its cards
+HEAD = "52476d65 %s 2a 05 00 00 00 03 00 01 0c 58 02 f6 ff"
+TEAM = "%s 00 01 01 00 00 0000 e02e"
+PACKETS = {
+    18: (HEAD % "12" + TEAM % "05" + "0e00" * 20 + TEAM % "0c" + "0000 0321" + "0e00" * 18, "motion in set"),
+    19: (HEAD % "13" + TEAM % "05" + "0b000000" * 20 + TEAM % "0c" + "00000000 03210100" + "0b000000" * 18,
+         "local game stuck"),
+    20: (HEAD % "14" + TEAM % "05" + "0d0000" * 20 + TEAM % "0c" + "000000 062101" + "0d0000" * 18, "picked up"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("version", [18, 19, 20])
+def test_a_packet_says_the_state_and_the_penalty(version: int) -> None:
+    text, penalty = PACKETS[version]
+    packet = bytes.fromhex(text)
+    assert len(packet) == {18: 118, 19: 198, 20: 158}[version]
+    assert GameController(12, 2).read(packet, 7) == GameState(7, "playing", penalty, True)
+    assert GameController(12, 1).read(packet, 7) == GameState(7, "playing", "", True)
+    assert GameController(5, 3).read(packet, 7) == GameState(7, "playing", "substitute", True)
+    assert GameController().read(packet, 7) == GameState(7, "playing", "", True)
+    other = GameController(3, 1)
+    assert other.read(packet, 7) is None
+    assert "other teams than 3" in next(iter(other.refused))
+
+
+def test_packets_that_are_none_are_named_and_counted() -> None:
+    controller, right = GameController(12, 2), bytes.fromhex(PACKETS[20][0])
+    for wrong in (b"", b"RGme", right[:-1], right + b"\0", right[:4] + b"\x0c" + right[5:], b"RGTD" + right[4:],
+                  right[:4] + b"\x13" + right[5:], right[:10] + b"\x07" + right[11:]):  # fmt: skip
+        assert controller.read(wrong, 0) is None
+    said = " / ".join(controller.refused)
+    assert sum(controller.refused.values()) == 8
+    for words in ("version 12; known: 18, 19, 20", "version 20 with 157 bytes, not 158", "version 19 with 158 bytes",
+                  "the state 7", "none of the GameController"):  # fmt: skip
+        assert words in said
+
+
+class Silent:
+    """A link that brings nothing."""
+
+    refused: dict[str, int] = {}  # noqa: RUF012
+
+    def hear(self, timeout_s: float) -> list[Heard]:
+        return []
+
+    def publish(self, published: Published) -> None: ...
+
+    def around(self) -> str:
+        return ""
+
+    def close(self) -> None: ...
+
+
+def test_broadcasts_are_heard_and_not_answered() -> None:
+    link = WithGameController(Silent(), GameController(12, 2), ("127.0.0.1", 0))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as referee:
+        referee.bind(("127.0.0.1", 0))
+        referee.setblocking(False)
+        referee.sendto(bytes.fromhex(PACKETS[20][0]), link.address)
+        assert link.hear(0.0) == [GameState(0, "playing", "picked up", True)]
+        with pytest.raises(BlockingIOError):
+            referee.recv(10)
+    link.close()
+
+
+@pytest.mark.parametrize("wrong", [["--team", "3"], ["--game-controller", "--team", "3"], ["--team=1", "--player=2"]])
+def test_team_and_player_belong_together(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["live", "--field", "msl-18x12", "--seconds", "0", *wrong]) == 2
+    assert "belong together" in capsys.readouterr().err
+
+
+def test_the_referee_turns_changes_into_priors() -> None:
+    referee = Referee(FIELD)
+
+    def said(phase: str, penalty: str = "", first_half: bool = True) -> tuple[Prior, ...]:
+        return referee.update(GameState(0, phase, penalty, first_half))
+
+    assert said("ready") == ()  # nobody knows what was before
+    assert said("initial") == ()
+    assert [prior.own_half for prior in said("ready")] == [True]
+    assert said("set") == said("playing") == said("ready") == ()  # after a goal the robot is anywhere
+    assert said("playing", "motion in set") == said("playing") == ()  # it stays where it is
+    (penalised,) = said("playing", "pushing")
+    assert 0.0 < penalised.kept < 1.0
+    assert referee.penalty == "pushing"
+    assert said("playing", "pushing") == ()
+    (back,) = said("playing")
+    assert [round(one.pose.heading, 2) for one in back.poses] == [-1.57, 1.57]
+    assert all(one.pose.x < 0.0 for one in back.poses)
+    assert back.kept > 0.1
+    assert said("initial", first_half=False) == (Prior(own_half=True),)
+    assert [prior.kept for prior in said("set", first_half=False)] == [1.0]  # READY was not received
+    with pytest.raises(InputError, match="game state: "):
+        GameState(0, "halftime")
+
+
+def test_weights_beyond_one_are_refused() -> None:
+    one = WeightedPose(Pose(0.0, 0.0, 0.0), np.eye(3), 0.6)
+    for wrong in (
+        {"poses": (one, one)},
+        {"poses": (one,), "kept": 0.5},
+        {"kept": 1.1},
+        {"kept": 0.1, "pose": one.pose},
+    ):
+        with pytest.raises(InputError):
+            Prior(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError):
+        WeightedPose(Pose(0.0, 0.0, 0.0), np.eye(3), 0.0)
+
+
+def started(place: Pose) -> Touchline:
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
+    system.reset(Prior(place))
+    for k in range(1, 4):
+        system.step(frame(k, seen(place, k)))
+    return system
+
+
+def stands(system: Touchline, place: Pose, images: range) -> list[Estimate]:
+    return [system.step(frame(k, seen(place, k))) for k in images]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0, 0.0])
+def test_back_from_a_penalty_it_stands_at_a_touch_line_or_where_it_stood(side: float) -> None:
+    """Without a compass, in a half that looks like the other one."""
+    stood = Pose(3.0, 1.0, 0.4)
+    mark_m = -game_prior("back from a penalty", FIELD, Prior()).poses[0].pose.x
+    there = Pose(-mark_m + 0.3, side * (0.5 * FIELD.width - 0.2), -side * 1.5) if side else stood
+    system = started(stood)
+    system.reset(game_prior("penalised", FIELD, Prior()))
+    system.reset(game_prior("back from a penalty", FIELD, Prior()))
+    first, *later = stands(system, there, range(20, 32))
+    assert first.status is Status.SEARCHING
+    assert first.reason == "moved: not yet confirmed by images"
+    assert later[-1].status is Status.TRACKING
+    assert errors(later[-1], there)[0] < 0.1
+    assert all(estimate.status is not Status.TRACKING or errors(estimate, there)[0] < 0.1 for estimate in later)
+
+
+def test_where_the_end_stays_open_no_pose_is_tracked() -> None:
+    system = started(Pose(2.0, 1.0, 0.4))
+    system.reset(Prior(kept=0.001))  # carried, nobody knows whereto
+    last = stands(system, Pose(-4.0, -2.5, 2.0), range(20, 32))[-1]
+    assert (last.status, last.reason) == (Status.SEARCHING, "which end of the field is open")
+    assert any(errors(replace(last, pose=one.pose), Pose(-4.0, -2.5, 2.0))[0] < 0.1 for one in [last, *last.hypotheses])
+
+
+def lying(one: Frame, pitch_rad: float) -> Frame:
+    return replace(one, tilt=Samples(np.array([one.stamp_ns]), np.array([[0.0, pitch_rad]])))
+
+
+def test_who_lies_is_not_tracked_and_what_it_felt_is_not_believed() -> None:
+    stood, there = Pose(-3.0, 1.0, 0.4), Pose(-2.7, 1.4, 1.3)
+    system = started(stood)
+    for k in range(4, 34):
+        fallen = lying(frame(k, seen(Pose(5.0, -3.0, 0.0), k)), 1.4)
+        drifted = np.column_stack((np.full(2, 0.1 * k), np.zeros(2), np.full(2, 0.2 * k)))
+        assert fallen.odometry is not None
+        down = system.step(replace(fallen, odometry=Samples(fallen.odometry.stamp_ns, drifted)))
+        assert (down.status, down.reason) == (Status.SEARCHING, "the robot lies")
+        assert down.pose.distance_to(stood) < 0.1
+    found = [system.step(lying(frame(k, seen(there, k)), 0.02)) for k in range(34, 50)]
+    tracked = [estimate.status is Status.TRACKING for estimate in found]
+    assert tracked.index(True) < 12  # 0.4 s upright, and some images
+    assert all(
+        errors(estimate, there)[0] < 0.1 for estimate, is_tracked in zip(found, tracked, strict=True) if is_tracked
+    )
+    assert (found[-1].end_probability or 0.0) > 0.9
+
+
+def test_a_lean_of_a_walking_robot_is_no_fall() -> None:
+    system = started(Pose(-3.0, 1.0, 0.4))
+    for k in range(4, 20):
+        estimate = system.step(lying(frame(k, seen(Pose(-3.0, 1.0, 0.4), k)), math.radians(20.0) * (-1) ** k))
+        assert estimate.status is Status.TRACKING
+
+
+def test_a_localizer_takes_what_the_referee_says() -> None:
+    localizer = Localizer("msl-18x12")
+    localizer.reset((-3.0, 1.0, 0.4))
+    localizer.add_game_state(0, "playing", "pushing")
+    localizer.add_game_state(0, "half-time")
+    points = seen(Pose(-3.0, 1.0, 0.4), 1)
+    estimate = localizer.localize(100_000_000, points=points)
+    assert estimate.reason == "penalised: pushing"
+    assert "game state: is none, left out" in estimate.problems
+    localizer.reset(state="back from a penalty")
+    assert localizer.localize(200_000_000, points=points).pose.distance_to(Pose(-3.0, 1.0, 0.4)) < 0.2
+
+
+def test_a_simulated_match_is_recorded_with_its_referee(tmp_path: Path) -> None:
+    changes = ("game.half_s=12", "game.every_s=1", "camera.rate_hz=2")
+    match = Simulation(open_scenario("match-day", 3, 100.0, changes), "points")
+    write_recording(match, tmp_path / "match")
+    recorded = open_source(tmp_path / "match")
+    said = [state for one in recorded for state in one.game]
+    assert [replace(state, penalty="") for state in said] == [
+        replace(state, penalty="") for one in match for state in one.game
+    ]
+    assert {state.phase for state in said} >= {"initial", "ready", "set", "playing", "finished"}
+    assert any(state.penalty for state in said)
+    assert not all(state.first_half for state in said)
+    assert main(["convert", str(tmp_path / "match"), str(tmp_path / "match.mcap")]) == 0
+    assert [state for one in open_source(tmp_path / "match.mcap") for state in one.game] == said
