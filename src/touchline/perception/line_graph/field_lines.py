@@ -28,6 +28,8 @@ from touchline.types import LinePoints, Lines
 
 _MAX_POINTS = 2000
 _COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
+_ALL = 5  # times as many lines as the cells show, at most: at both ends and to both sides of each another one
+_ASIDE_M = 0.4  # length of these that is tried
 _ROUGH_M = 0.35  # a shorter line has no direction by the cells alone
 _BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
 _MIN_SAGITTA_PX = 0.7
@@ -78,9 +80,12 @@ def find_lines(
     subpixel = settings.paper.subpixel
     least_m = max(settings.min_line_m, 0.0 if subpixel else _ROUGH_M)
     limits = LineLimits(subpixel, radius_m, least_m, settings.min_line_px, settings.max_range_m)
-    points, confidences = np.empty((_MAX_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
-    lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
-    return _without_faint(FoundLines(candidates[:lines], confidences[:lines], points[:total]))
+    room = _ALL * max(len(candidates), 1)
+    found = FoundLines(np.empty((room, 4)), np.empty(room), np.empty((_MAX_POINTS, POINT_COLUMNS)))
+    lines, total = _place_lines(pixels, plane, candidates, limits, found, (0, 0))
+    if subpixel:
+        lines, total = _place_lines(pixels, plane, _at_ends(plane, found.planes[:lines]), limits, found, (lines, total))
+    return _without_faint(FoundLines(found.planes[:lines], found.confidences[:lines], found.points[:total]))
 
 
 def _without_faint(found: FoundLines) -> FoundLines:
@@ -116,22 +121,40 @@ def cell_pixels(places: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def _place_lines(pixels, plane, candidates, limits, confidences, points):  # type: ignore[no-untyped-def]
-    """Place candidates (L, 4) by their pixels, those that are kept first; how many lines and points there are then."""
-    kept, total = 0, 0
+def _at_ends(plane: ImagePlane, lines: FloatArray) -> FloatArray:
+    """Candidates (4 L, 4) at right angles on the ground to lines (L, 4), to both sides of both ends.
+
+    Two corners of a goal box, cells apart, leave the short line between them no nodes of its own.
+    """
+    candidates = np.full((4 * len(lines), 4), np.nan)
+    for k in range(len(candidates)):
+        line, near = lines[k // 4], 2 * (k % 2)
+        ax, ay = transformed(plane.ground, line[near], line[near + 1])
+        bx, by = transformed(plane.ground, line[2 - near], line[3 - near])
+        step = (1.0 if k % 4 < 2 else -1.0) * _ASIDE_M / math.hypot(bx - ax, by - ay)
+        x, y = transformed(plane.plane, ax - step * (by - ay), ay + step * (bx - ax))
+        candidates[k, 0], candidates[k, 1], candidates[k, 2], candidates[k, 3] = line[near], line[near + 1], x, y
+    return candidates
+
+
+@njit(cache=True, error_model="numpy")
+def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ignore[no-untyped-def]
+    """Place candidates (L, 4) by their pixels, into found behind those `before`; how many lines and points there are."""
+    kept, total = before
+    lines, confidences, points = found
     covered = _COVERED_PX / plane.lens.pinhole[0]
     for k in range(len(candidates)):
         line = candidates[k].copy()
-        if _is_covered(line, candidates[:kept], covered):
+        if not np.isfinite(line).all() or _is_covered(line, lines[:kept], covered):
             continue
         if not limits.subpixel:
             if _is_long(line, plane, limits):
                 confidences[kept] = 0.8
-                _copy(line, candidates[kept])
+                _copy(line, lines[kept])
                 kept += 1
             continue
         confidence, count = refine_line(pixels, plane, line, points[total:])
-        if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):
+        if confidence == 0.0 or _is_covered(line, lines[:kept], covered):
             continue
         own, paint, contrast = points[total : total + count], 0.0, 0.0
         for point in own:
@@ -142,7 +165,7 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
         if is_thread(pixels, plane, line, contrast / count):
             continue
         confidences[kept] = confidence
-        _copy(line, candidates[kept])
+        _copy(line, lines[kept])
         kept, total = kept + 1, total + count
     return kept, total
 
