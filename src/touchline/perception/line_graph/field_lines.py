@@ -139,7 +139,7 @@ def _at_ends(plane: ImagePlane, lines: FloatArray) -> FloatArray:
 
 @njit(cache=True, error_model="numpy")
 def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ignore[no-untyped-def]
-    """Place candidates (L, 4) by their pixels, into found behind those `before`; how many lines and points there are."""
+    """Place candidates (L, 4) by their pixels, behind those found `before`; how many lines and points there are."""
     kept, total = before
     lines, confidences, points = found
     covered = _COVERED_PX / plane.lens.pinhole[0]
