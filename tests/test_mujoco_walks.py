@@ -1,0 +1,54 @@
+"""Walks in RoboCup's MuJoCo soccer server, made by benchmarks/mujoco: short ones are followed; the gait."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import touchline
+
+BENCHMARK = Path(__file__).parent.parent / "benchmarks" / "mujoco"
+
+
+@pytest.mark.parametrize(("walk", "median_m", "most_m"), [("hall", 0.12, 0.3), ("percepts", 0.06, 0.4)])
+def test_a_walk_by_others_physics_is_followed(
+    walk: str, median_m: float, most_m: float, small_data: Path, tmp_path: Path
+) -> None:
+    recording = touchline.open_source(small_data / "mujoco" / walk)
+    assert recording.truth is not None
+    truth = recording.truth.samples()
+    run = touchline.run(small_data / "mujoco" / walk, output=tmp_path / "run", start=truth.values[0].tolist())
+    errors_m = np.hypot(*(run.estimates.trajectory.values - truth.values)[:, :2].T)
+    assert run.estimates.has_status(touchline.Status.TRACKING).all()
+    assert np.median(errors_m) < median_m
+    assert errors_m.max() < most_m
+    bounds_m = run.estimates.protection_m
+    assert np.isnan(bounds_m).mean() < 0.1
+    assert (errors_m > bounds_m).sum() == 0
+
+
+def test_a_leg_reaches_where_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARK))
+    gait = importlib.import_module("gait")
+    for side in (1, -1):
+        place = np.array([0.1, 0.12 * side, -0.58])
+        turn = gait.rotation(2, 0.2 * side)
+        end, attitude, derivatives = gait.foot(gait.leg(place, turn, side, gait.BENT), side)
+        np.testing.assert_allclose(end, place, atol=1e-4)
+        np.testing.assert_allclose(attitude, turn, atol=1e-4)
+        assert np.linalg.matrix_rank(derivatives) == 6
+
+
+def test_the_gait_shifts_the_body_over_the_leg_that_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARK))
+    gait = importlib.import_module("gait")
+    walk, shifts = gait.Gait(), {1: [], -1: []}
+    for _ in range(200):
+        angles = walk.step(0.02, np.array([0.2, 0.0, 0.1]), np.zeros(2), np.zeros(2))
+        feet = [gait.foot(each, side)[0] for each, side in zip(angles, (1, -1), strict=True)]
+        shifts[walk.stance].append(feet[0][1] + feet[1][1])  # negative with the body to the left
+        assert min(foot[2] for foot in feet) == pytest.approx(-gait.HIP_M, abs=1e-3)
+    assert np.mean(shifts[1][20:]) < -0.005 < 0.005 < np.mean(shifts[-1][20:])
