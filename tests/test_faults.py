@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -12,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import catalogue, clutter, faults, faulty_play, injections
+from touchline.experiments import EXPERIMENTS, catalogue, clutter, faults, faulty_play, injections
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.catalogue import CATALOGUE, CLOUD, FEATURES, MIRROR, Kind, Laid, laid, pairs, walk_of_points
 from touchline.experiments.drives import (
@@ -362,13 +364,15 @@ def test_what_is_wrong_beyond_its_bound_and_noticed_is_counted_from_the_fault_on
         estimate(here, Status.SEARCHING), bounded(here, "odometry stands still"), bounded(here),
     ]  # fmt: skip
     found = judged(told)
-    assert (found.frames, found.wrong, found.other_end) == (7, 2, 1)
-    assert (found.bounded, found.misleading) == (5, 2)
+    assert (found.score.frames, found.score.wrong, found.score.other_end) == (7, 2, 1)
+    assert (found.score.bounded, found.score.misleading) == (5, 2)
+    assert found.other_end_s == pytest.approx(0.1)
+    assert faults.Outcome.of_tree(json.loads(json.dumps(found.tree()))).tree() == found.tree()
     assert found.alarm_s == pytest.approx(0.4)
     assert found.rightly is True
     assert found.tracked == pytest.approx((1.0, 1.0, 2.0 / 3.0))
     calm = judged([bounded(here)] * 9)
-    assert (calm.wrong, calm.misleading, calm.alarm_s, calm.rightly) == (0, 0, None, None)
+    assert (calm.score.wrong, calm.score.misleading, calm.alarm_s, calm.rightly) == (0, 0, None, None)
 
 
 def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
@@ -378,7 +382,9 @@ def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     assert rightly_named(case, ["images contradict odometry", "the robot was shoved"]) is None
 
 
-def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     names = {"none", "mirrored", "camera covered"}
     few = tuple(kind for kind in CATALOGUE if kind.robots == MIRROR and kind.name in names)
     monkeypatch.setattr(faults, "CATALOGUE", few)
@@ -387,11 +393,30 @@ def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(monkeypatch: py
     monkeypatch.setattr(catalogue, "MORE_S", 1.0)
     monkeypatch.setattr(faults, "KINDS_OF_ROBOTS", {MIRROR: catalogue.KINDS_OF_ROBOTS[MIRROR]})
     monkeypatch.setattr(faults, "PAIRS", {MIRROR: 1})
+    monkeypatch.setattr(faults, "FIRST_SEED", 2000)
     monkeypatch.setattr(faults, "ROBOTS_OF_SEED", 1)
     monkeypatch.setattr(faults, "FEWER", 1)
     monkeypatch.setattr(faults, "OTHERS_AT", 0)
-    result = faults.faults(1)
-    assert [row[0] for row in result.rows] == [*(kind.title for kind in few), "mirror: pairs", "all of mirror", "all"]
+    run = EXPERIMENTS["faults"].run
+    part = run(1, folder=tmp_path, part="covered")
+    assert [row[0] for row in part.rows] == ["mirror: camera covered", "all of mirror", "all"]
+    computed = Counter[str]()
+
+    def counted(case: catalogue.Case, number: int, seed: int) -> Laid:
+        computed[faults.title(case)] += 1
+        return laid(case, number, seed)
+
+    monkeypatch.setattr(faults, "laid", counted)
+    with (tmp_path / "faults.jsonl").open("a", encoding="utf-8") as file:
+        file.write('{"of": ["mirror: none", "mir')  # stopped while it was written
+    result = run(1, folder=tmp_path)
+    assert computed == {"mirror: none": 1, "mirror: mirrored": 1, "mirror: pairs": 1}
+    again = run(1, folder=tmp_path, part="(?!)")
+    assert again.rows == result.rows
+    assert sum(computed.values()) == 3
+    assert {row[0] for row in result.rows} == {
+        *(kind.title for kind in few), "mirror: pairs", "all of mirror", "alarm asked within 0.5 s", "all"
+    }  # fmt: skip
     assert {len(row) for row in result.rows} == {len(result.columns)}
     rows = {row[0]: dict(zip(result.columns, row, strict=True)) for row in result.rows}
     assert rows["mirror: none"]["wrong, tracking (%)"] == "0.00"
@@ -456,4 +481,5 @@ def test_play_counts_losses_that_nobody_noticed(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(faulty_play, "estimates_of", followed)
     found = faulty_play.played(MIRROR, 6, 5, 10.0)
     assert found.losses_s == pytest.approx((2.0,))
-    assert (found.wrong + found.other_end, found.misleading, found.bounded) == (25, 25, found.frames)
+    score = found.score
+    assert (score.wrong + score.other_end, score.misleading, score.bounded) == (25, 25, score.frames - 1)

@@ -25,9 +25,9 @@ def match() -> Drive:
     return driven("match", 1, 14.0)
 
 
-def estimates_of(drive: Drive, change: Change | None = None) -> list[Estimate]:
-    """Of `touchline` on a drive whose frames are changed from FROM_S on."""
-    system = open_system("touchline", drive.setup)
+def estimates_of(drive: Drive, change: Change | None = None, name: str = "touchline", **sets: bool) -> list[Estimate]:
+    """Of a system on a drive whose frames are changed from FROM_S on."""
+    system = open_system(name, drive.setup, {key.replace("__", "."): value for key, value in sets.items()})
     first = next(frame for frame in drive.frames if frame.stamp_ns >= 1e9 * FROM_S)
     frames = [f if change is None or f.stamp_ns < first.stamp_ns else change(f, first) for f in drive.frames]
     return [system.step(frame) for frame in frames]
@@ -183,3 +183,19 @@ def test_steps_that_agree_raise_no_alarm() -> None:
     relation = related(lambda step: step)
     assert max(relation.statistics.values()) < 0.1
     assert relation.confirms
+
+
+@pytest.mark.parametrize(
+    ("name", "switch", "wrong_alone"),
+    [("nubot-mti", "paper__failure__monitor", 20), ("iris-fusion", "paper__monitor", 0)],
+)
+def test_a_published_system_can_have_the_monitor(name: str, switch: str, wrong_alone: int) -> None:
+    """Silent while all is well; mirrored images are named, and hardly tracked where they make a pose wrong."""
+    clean, alone = estimates_of(match(), None, name), estimates_of(match(), None, name, **{switch: False})
+    assert [each.pose for each in clean] == [each.pose for each in alone]
+    assert [each.status for each in clean] == [each.status for each in alone]
+    assert not any(each.statistics or each.reason for each in alone)
+    alone, told = (estimates_of(match(), mirrored, name, **sets) for sets in ({switch: False}, {}))
+    assert track_of(match(), alone).wrong.sum() >= wrong_alone
+    assert track_of(match(), told).wrong.sum() <= 3
+    assert not wrong_alone or any("mirrored" in text for each in told for text in each.problems)

@@ -75,7 +75,7 @@ def test_it_tracks_from_a_start_pose(field: str) -> None:
 
 def test_the_papers_form_tracks_less_precisely() -> None:
     preset = preset_values(NimbroLinesSettings, "paper")
-    assert preset["paper"] == {"rates": False, "refine": False, "twin": False, "restart": False}
+    assert preset["paper"] == {"rates": False, "refine": False, "twin": False, "restart": False, "monitor": False}
     settings = load_settings(NimbroLinesSettings, preset="paper")
     system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[0])), settings)
     system.reset(near_start(FIELDS[0]))

@@ -399,7 +399,7 @@ def test_a_robot_put_down_elsewhere_is_found_even_with_its_old_heading(turn: flo
 def test_the_papers_rule_alone_can_be_had() -> None:
     """Nearly the old heading: by the paper's rule nothing is wrong."""
     path = drive(6) + drive(12, Pose(6.0, -3.0, drive(6)[-1].heading))
-    paper = {"paper__failure__single_criterion_failure": "false"}
+    paper = {"paper__failure__single_criterion_failure": "false", "paper__failure__monitor": "false"}
     estimates = localize(frames(path, jumps=[6], compass_error_rad=0.0), **paper)
     assert all(e.status is Status.TRACKING for e in estimates)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,9 +13,11 @@ from rich.console import Console
 from touchline.cli.console import errors_console, plain_table, say
 from touchline.cli.console import output as console
 from touchline.cli.workers import DaskAddress, WorkerCount
+from touchline.errors import InputError
 
 _WIDTH = 200  # where it is no terminal: pages of results are read from files, too
 _LINE_EVERY_S = 10.0
+NOTHING = "(?!)"  # a regular expression that matches nothing
 
 if TYPE_CHECKING:
     from touchline.evaluation.workers import Workers
@@ -29,11 +32,17 @@ def experiment(
     ),
     workers: WorkerCount = 1,
     dask: DaskAddress = None,
+    part: Annotated[
+        str, typer.Option(metavar="REGEX", help="Of faults and play: run those of its tasks that it matches alone.")
+    ] = "",
+    draw: Annotated[bool, typer.Option("--draw", help="Run nothing: table and pictures of what DIR holds.")] = False,
     listing: Annotated[bool, typer.Option("--list", help="List the experiments and stop.")] = False,
 ) -> None:
     """Rerun an experiment of the papers: our figures beside theirs, the picture, a row in DIR/results.md.
 
     touchline experiment lu2013-kidnap --seeds 5   reruns one. Without a name, the experiments are listed.
+
+    faults and play take hours: their results are kept in DIR/NAME.jsonl as they come, and a second run goes on there.
     """
     from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
@@ -46,9 +55,13 @@ def experiment(
         return
     experiments = chosen_experiments(name)
     check_writable(output)
+    try:
+        re.compile(part)
+    except re.error as error:
+        raise InputError(f"--part {part}: is no regular expression ({error})") from None
     with open_workers(workers, dask) as hands:
         for chosen in experiments:
-            result = _run(chosen, seeds, hands)
+            result = _run(chosen, seeds, hands, (output, NOTHING if draw else part))
             files = write_result(result, output, list(EXPERIMENTS))
             say(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
             terminal = console()
@@ -58,7 +71,7 @@ def experiment(
             say(f"written: {', '.join(str(path) for path in files)}\n")
 
 
-def _run(chosen: Experiment, seeds: int, workers: Workers) -> ExperimentResult:
+def _run(chosen: Experiment, seeds: int, workers: Workers, kept: tuple[Path, str]) -> ExperimentResult:
     """Run one; a terminal shows how far it has come, anything else gets a line every ten seconds."""
     terminal = errors_console()
     said_s = time.monotonic()
@@ -72,4 +85,4 @@ def _run(chosen: Experiment, seeds: int, workers: Workers) -> ExperimentResult:
                 said_s = time.monotonic()
                 terminal.print(f"{chosen.name}: {progress}")
 
-        return chosen.run(seeds, tell, workers)
+        return chosen.run(seeds, tell, workers, *kept)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from touchline.errors import InputError
 from touchline.evaluation.workers import Workers
-from touchline.experiments.harness import ExperimentResult, Listener, progress_to
+from touchline.experiments.harness import ExperimentResult, Kept, Listener, progress_to
 from touchline.messages import did_you_mean
 
 DEFAULT_SEEDS = 5
@@ -23,12 +24,20 @@ class Experiment:
     module: str
 
     def run(
-        self, seeds: int = DEFAULT_SEEDS, listener: Listener | None = None, workers: Workers | None = None
+        self,
+        seeds: int = DEFAULT_SEEDS,
+        listener: Listener | None = None,
+        workers: Workers | None = None,
+        folder: Path | None = None,
+        part: str = "",
     ) -> ExperimentResult:
-        """Run it; seeds >= 1. listener: told, in a few words, how far it has come. workers: who computes its runs."""
+        """Run it; seeds >= 1. listener: told, in a few words, how far it has come. workers: who computes its runs.
+        folder: where one that can be resumed keeps its results; part: which of its tasks, a regular expression.
+        """
+        kept = None if folder is None else Kept(folder / f"{self.name}.jsonl", part)
         module = importlib.import_module(f"touchline.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.name.replace("-", "_"))
-        with progress_to(listener, workers):
+        with progress_to(listener, workers, kept):
             return replace(function(seeds), name=self.name, seeds=seeds)
 
 

@@ -1,6 +1,6 @@
 """faults: the catalogue of faults, one by one and in pairs; who is wrong and sure, and who says which sensor it is?
 
-No figure of a paper.
+No figure of a paper. Results are kept in faults.jsonl as they come: a run goes on where one was stopped.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import pairwise, product
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,15 +28,15 @@ from touchline.experiments.catalogue import (
     laid,
     pairs,
 )
-from touchline.experiments.drives import BoolArray, Track, estimates_of, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
+from touchline.experiments.drives import BoolArray, Drive, estimates_of, longest, track_of
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray
 from touchline.types import Estimate
 
 OWN = "touchline"
 OTHERS = {MIRROR: ("nubot-mti", "nubot-mcl", "iris-fusion"), FEATURES: ("nimbro-lines",), CLOUD: ()}
-ROBOTS_OF_SEED, FIRST_SEED = 2, 2000  # robots of which no threshold is: those have the seeds from 1000 on
+ROBOTS_OF_SEED, FIRST_SEED = 2, 4000  # robots of which no threshold is: those have the seeds from 1000 on
 FEWER, OTHERS_AT = 5, 1  # one robot in so many for the other systems, and for each pair; where the others begin
 PAIRS = {MIRROR: 70, FEATURES: 30}
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)
@@ -45,81 +45,125 @@ NAMES = {
     "odometry": r"^odometry|wheel",
     "gyro": r"gyro",
     "clock": r"stamp|clock",
-    "image": r"^images? (?!contradict)|camera|what is seen",
+    "image": r"^(the )?images? (?!contradict)|camera|what is seen",
     "field": r"what is seen|camera\.yaml|carpet",
     "clutter": r"what is seen|carpet|has not changed",
     "compass": r"compass",
-    "head": r"^images? (?!contradict)|camera|head",
+    "head": r"^(the )?images? (?!contradict)|camera|head",
     "start": r"compass|colour",
 }
 """What a problem says that names a culprit of a family, as a regular expression."""
 NO_ALARM = "undecided"  # how a problem begins that is none of a sensor
+ALARMS = {
+    "alarm asked within 0.5 s": (
+        r"odometry \w+ the wrong way|.* all signs wrong|the same image.*|mirrored|a blob.*|images 0.*"
+    ),
+    "alarm asked within 1.5 s": r".*field told|a neighbour.*|ranges.*|uniform.*|bars.*|20–40.*|a ring.*|a false.*",
+    "alarm asked within 3 s": r"camera's clock \d+ ms.*|turned by (2|5|20)°",
+}
+"""Groups of faults by how soon they are to be noticed, as regular expressions of their names."""
 
 
-class Outcome(NamedTuple):
-    """What a system made of one drive with a fault. frames: from the fault's start on; of these those that were wrong.
-
-    wrong: tracked, more than 0.5 m or 15° off, and not at the other end; other_end: there, and the true pose not named.
-    bounded, misleading: with a protection level, and beyond it, at the nearer end, from the second image on. alarm_s:
-    until first not tracked, not bounded, or a problem said. rightly: whether the culprit is named that is most often
-    named; None: none is. tracked: shares before, during and after. bounds: (K, 2) error and protection level (m).
+class Score(NamedTuple):
+    """Of some frames those that were wrong: tracked, more than 0.5 m or 15° off, and not at the other end; other_end:
+    there, and the true pose not named. bounded, misleading: with a protection level, and beyond it, at the nearer end,
+    from the second frame on. bounds: (K, 2) error and protection level (m).
     """
 
-    moves: bool
     frames: int
     wrong: int
     other_end: int
     bounded: int
     misleading: int
-    alarm_s: float | None
-    rightly: bool | None
-    tracked: tuple[float, float, float]
     bounds: FloatArray
 
+    def tree(self) -> dict[str, Any]:
+        """As JSON knows it."""
+        return {**self._asdict(), "bounds": self.bounds.round(4).tolist()}
 
-def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) -> Outcome:
+    @classmethod
+    def of_tree(cls, tree: Mapping[str, Any]) -> Score:
+        """A score from its tree."""
+        return cls(**{**tree, "bounds": np.array(tree["bounds"]).reshape(-1, 2)})
+
+
+class Frames(NamedTuple):
+    """Estimates beside the truth, frame by frame (N,): what `Score` counts, and `bounds` (N, 2)."""
+
+    tracking: BoolArray
+    wrong: BoolArray
+    other_end: BoolArray
+    bounded: BoolArray
+    misleading: BoolArray
+    bounds: FloatArray
+
+    def score(self, first: int = 0) -> Score:
+        """From a frame on."""
+        later = slice(first + 1, None)
+        wrong, other_end = (int(each[first:].sum()) for each in (self.wrong, self.other_end))
+        bounded, misleading = (int(each[later].sum()) for each in (self.bounded, self.misleading))
+        return Score(len(self.wrong) - first, wrong, other_end, bounded, misleading, self.bounds[self.bounded])
+
+
+def frames_of(drive: Drive, estimates: Sequence[Estimate]) -> Frames:
     """What a system's estimates of a drive are worth."""
-    track, count = track_of(of.faulty, estimates), len(estimates)
-    times_s = of.clean.times_s if count == len(of.clean.frames) else of.faulty.times_s
-    first = min(int(np.searchsorted(of.clean.times_s, of.start_s)), count - 1)
-    last = min(max(int(np.count_nonzero(times_s < of.end_s)), first + 1), count)
-    given, beyond, bounds = against_bounds(track, estimates)
-    off, there = ~track.within(WRONG_M, WRONG_RAD), track.turned.within(WRONG_M, WRONG_RAD)
-    told = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
-    alarm = ~track.tracking | np.array([bool(texts) for texts in told]) | (~given & given.any())
-    since, counted = np.arange(count) >= first, np.arange(count) > first
-    return Outcome(
-        moves,
-        count - first,
-        int(np.count_nonzero(since & track.tracking & off & ~there)),
-        int(np.count_nonzero(since & track.tracking & off & there & ~track.twin_named)),
-        int(np.count_nonzero(counted & given)),
-        int(np.count_nonzero(counted & given & beyond)),
-        float(times_s[first + int(np.argmax(alarm[first:]))] - times_s[first]) if alarm[first:].any() else None,
-        rightly_named(case, [text for texts in told[first:] for text in texts]),
-        _shares(track.tracking, (max(first - BEFORE_FRAMES, 0), first, last, count)),
-        bounds[given],
-    )
-
-
-def against_bounds(track: Track, estimates: Sequence[Estimate]) -> tuple[BoolArray, BoolArray, FloatArray]:
-    """Which estimates (N,) are tracked with a protection level; which err by more; error and level (N, 2) in m.
-
-    The error is that at the nearer end of the field.
-    """
+    track = track_of(drive, estimates)
     levels = np.array([(each.protection_m, each.protection_rad) for each in estimates], dtype=np.float64)
     error_m, beyond = np.full(len(estimates), np.inf), np.ones(len(estimates), np.bool_)
     for end in (track, track.turned):
         error_m = np.minimum(error_m, end.distances_m)
         beyond &= (end.distances_m > levels[:, 0]) | (end.turns_rad > levels[:, 1])
-    return np.isfinite(levels[:, 0]) & track.tracking, beyond, np.column_stack((error_m, levels[:, 0]))
+    off, there = track.tracking & ~track.within(WRONG_M, WRONG_RAD), track.turned.within(WRONG_M, WRONG_RAD)
+    bounded = np.isfinite(levels[:, 0]) & track.tracking
+    return Frames(
+        track.tracking, off & ~there, off & there & ~track.twin_named, bounded, bounded & beyond,
+        np.column_stack((error_m, levels[:, 0])),
+    )  # fmt: skip
 
 
-def _shares(tracking: np.ndarray, edges: Sequence[int]) -> tuple[float, float, float]:
-    """Before, during and after; NaN where there is no such time."""
-    spans = [tracking[begin:end] for begin, end in pairwise(edges)]
+class Outcome(NamedTuple):
+    """What a system made of one drive with a fault. score: from the fault's start on. other_end_s: for how long it was
+    at the other end at most. alarm_s: until first not tracked, not bounded, or a problem said. rightly: whether the
+    culprit is named that is most often named; None: none is. tracked: shares before, during and after.
+    """
+
+    moves: bool
+    score: Score
+    other_end_s: float
+    alarm_s: float | None
+    rightly: bool | None
+    tracked: tuple[float, float, float]
+
+    def tree(self) -> dict[str, Any]:
+        """As JSON knows it."""
+        return {**self._asdict(), "score": self.score.tree()}
+
+    @classmethod
+    def of_tree(cls, tree: Mapping[str, Any]) -> Outcome:
+        """An outcome from its tree."""
+        return cls(**{**tree, "score": Score.of_tree(tree["score"]), "tracked": tuple(tree["tracked"])})
+
+
+def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) -> Outcome:
+    """What a system's estimates of a drive are worth."""
+    found, count = frames_of(of.faulty, estimates), len(estimates)
+    times_s = of.clean.times_s if count == len(of.clean.frames) else of.faulty.times_s
+    first = min(int(np.searchsorted(of.clean.times_s, of.start_s)), count - 1)
+    last = min(max(int(np.count_nonzero(times_s < of.end_s)), first + 1), count)
+    told = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
+    unbounded = ~found.bounded & found.bounded.any()
+    alarm = (~found.tracking | unbounded | np.array([bool(texts) for texts in told]))[first:]
+    edges = (max(first - BEFORE_FRAMES, 0), first, last, count)
+    spans = [found.tracking[begin:end] for begin, end in pairwise(edges)]
     before, during, after = (float(span.mean()) if len(span) else math.nan for span in spans)
-    return before, during, after
+    return Outcome(
+        moves,
+        found.score(first),
+        float(longest(found.other_end[first:]) * np.median(np.diff(times_s))),
+        float(times_s[first + int(np.argmax(alarm))] - times_s[first]) if alarm.any() else None,
+        rightly_named(case, [text for texts in told[first:] for text in texts]),
+        (before, during, after),
+    )
 
 
 def rightly_named(case: Case, texts: Sequence[str]) -> bool | None:
@@ -139,47 +183,61 @@ def title(case: Case) -> str:
     return case[0].title if len(case) == 1 else f"{case[0].robots}: pairs"
 
 
-def _of_robot(task: tuple[str, int]) -> dict[tuple[str, str, int], Outcome]:
-    """All cases on one robot, by the systems that it has."""
-    robots, number = task
-    seed, moves = FIRST_SEED + number, KINDS_OF_ROBOTS[robots][number % ROBOTS].moves
-    singles: list[Case] = [(kind,) for kind in CATALOGUE if kind.robots == robots]
-    found = {}
-    drawn = [case for k, case in enumerate(pairs(PAIRS.get(robots, 0), robots)) if (k + number) % FEWER == 0]
-    for index, case in enumerate((*singles, *drawn)):
-        of = laid(case, number, seed)
-        for system in (OWN, *(OTHERS[robots] if number % FEWER == OTHERS_AT and len(case) == 1 else ())):
-            found[title(case), system, index] = outcome(case, of, estimates_of(system, of.faulty, seed), moves)
+def cases(robots: str) -> list[Case]:
+    """All single faults of a kind of robots, and its pairs."""
+    return [*((kind,) for kind in CATALOGUE if kind.robots == robots), *pairs(PAIRS.get(robots, 0), robots)]
+
+
+def _of_case(task: tuple[str, str, int, int]) -> list[tuple[str, str, dict[str, Any]]]:
+    """A case on one robot: title, system and outcome of each system that it has."""
+    name, robots, index, number = task
+    case, seed, moves = cases(robots)[index], FIRST_SEED + number, KINDS_OF_ROBOTS[robots][number % ROBOTS].moves
+    others = OTHERS[robots] if number % FEWER == OTHERS_AT and len(case) == 1 else ()
+    of = laid(case, number, seed)
+    told = [(system, estimates_of(system, of.faulty, seed)) for system in (OWN, *others)]
+    return [(name, system, outcome(case, of, estimates, moves).tree()) for system, estimates in told]
+
+
+def tasks(count: int) -> list[tuple[str, str, int, int]]:
+    """Every case on so many robots of its kind, robot by robot; of the pairs each on one in `FEWER`."""
+    found = []
+    for number in range(count):
+        for robots in KINDS_OF_ROBOTS:
+            for index, case in enumerate(cases(robots)):
+                if len(case) == 1 or (index + number) % FEWER == 0:
+                    found.append((title(case), robots, index, number))
     return found
 
 
 def faults(seeds: int) -> ExperimentResult:
     """Every fault of the catalogue and pairs of them, on every kind of robots."""
-    each = gathered(_of_robot, list(product(KINDS_OF_ROBOTS, range(ROBOTS_OF_SEED * seeds))), "robots")
     found: dict[tuple[str, str], list[Outcome]] = {}
-    for (name, system, _), outcomes in each.items():
-        found.setdefault((name, system), []).extend(outcomes)
+    for results in resumed(_of_case, tasks(ROBOTS_OF_SEED * seeds), "faults"):
+        for name, system, tree in results:
+            found.setdefault((name, system), []).append(Outcome.of_tree(tree))
     own = [one for (name, system), outcomes in found.items() if system == OWN for one in outcomes]
     names = list(dict.fromkeys(name for name, _ in found))
+    sums = {f"all of {robots}": rf"{robots}: .*" for robots in KINDS_OF_ROBOTS}
+    sums |= {title: rf"[^:]*: ({names})" for title, names in ALARMS.items()} | {"all": ".*"}
+    grouped = {title: [name for name in names if re.fullmatch(which, name)] for title, which in sums.items()}
     return ExperimentResult(
         "The catalogue of faults: wrong while tracking, beyond the protection level, noticed, named",
         COLUMNS,
         [*(_row(name, [name], found) for name in names),
-         *(_row(f"all of {robots}", [name for name in names if name.startswith(f"{robots}:")], found)
-           for robots in KINDS_OF_ROBOTS),
-         _row("all", names, found)],
+         *(_row(title, each, found) for title, each in grouped.items() if each)],
         Headline("touchline, moving robots: wrong while tracking; beyond the protection level", NONE,
-                 f"{_wrong(own)} %; {_misleading(own)} ‰"),
-        _NOTES,
+                 f"{_wrong(own)} %; {misleading([one.score for one in own])} ‰"),
+        (*_NOTES, _covered(found)),
         (("bounds", _picture(found)),),
     )  # fmt: skip
 
 
 SYSTEMS = tuple(dict.fromkeys(system for systems in OTHERS.values() for system in systems))
 COLUMNS = (
-    "robots: fault", "wrong, tracking (%)", "most of a robot (%)", "standing: wrong (%)", "at the other end (%)",
-    "beyond the protection level (‰)", "protection level (cm)", "alarm (s): median, longest, never", "named rightly",
-    "tracked before, during, after (%)", *(f"{system}: wrong (%)" for system in SYSTEMS),
+    "robots: fault", "wrong, tracking (%)", "most of a robot (%)", "standing: wrong (%)",
+    "at the other end (%), longest (s)", "beyond the protection level (‰)", "protection level (cm)",
+    "alarm (s): median, longest, never", "named rightly", "tracked before, during, after (%)",
+    *(f"{system}: wrong (%)" for system in SYSTEMS),
 )  # fmt: skip
 _NOTES = (
     "Robots as built at the observation level, drives of 30 s or 10 s longer than a fault of a stated length: with a "
@@ -191,19 +249,31 @@ _NOTES = (
     "other end of the field only where the true pose is not named. Beyond the protection level: of images with one, "
     "all robots, from the second on, given the end. Alarm: until the pose is not tracked, has no bound or a problem is "
     "said. Named rightly: of the robots of which a culprit is named, those where the one named most is the one.",
-    f"{OWN} on {ROBOTS_OF_SEED} robots a seed and kind, the others on one in {FEWER} of them and without pairs; each "
-    f"pair on one in {FEWER}. No threshold was found on these robots.",
-    "Where the camera's clock is wrong the true pose is that at the stamp, by the clock of the odometry.",
+    "Where the camera's clock is wrong the true pose is that at the stamp, by the clock of the odometry. No threshold "
+    "was found on these robots.",
 )
+
+
+def _covered(found: Found) -> str:
+    """What the table covers."""
+    parts = []
+    for system in (OWN, *SYSTEMS):
+        counts = [len(each) for (name, by), each in found.items() if by == system and not name.endswith(": pairs")]
+        if counts:
+            robots = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
+            parts.append(f"{system}: {len(counts)} faults, robots of each: {robots}")
+    counted = sum(len(each) for (name, _), each in found.items() if name.endswith(": pairs"))
+    return f"Covered: {'; '.join(parts)}; pairs of faults: {counted}."
 
 
 def _wrong(outcomes: Sequence[Outcome]) -> str:
     """Share of the frames that are wrong, moving robots."""
-    return _share([(one.wrong, one.frames) for one in outcomes if one.moves], 100.0)
+    return _share([(one.score.wrong, one.score.frames) for one in outcomes if one.moves], 100.0)
 
 
-def _misleading(outcomes: Sequence[Outcome]) -> str:
-    return _share([(one.misleading, one.bounded) for one in outcomes], 1000.0)
+def misleading(scores: Sequence[Score]) -> str:
+    """Share of the bounded frames that are (‰)."""
+    return _share([(one.misleading, one.bounded) for one in scores], 1000.0)
 
 
 def _share(counts: Sequence[tuple[int, int]], of: float) -> str:
@@ -213,24 +283,25 @@ def _share(counts: Sequence[tuple[int, int]], of: float) -> str:
 
 def _row(name: str, names: Sequence[str], found: Found) -> Row:
     """Of one fault, or of several together."""
-    outcomes = [one for each in names for one in found[each, OWN]]
-    moving, still = [one for one in outcomes if one.moves], [one for one in outcomes if not one.moves]
+    outcomes = [one for each in names for one in found.get((each, OWN), ())]
+    moving = [one for one in outcomes if one.moves]
+    still = [one.score for one in outcomes if not one.moves]
     alarms = [one.alarm_s for one in moving if one.alarm_s is not None]
     named = [one.rightly for one in outcomes if one.rightly is not None]
-    bounds = np.concatenate([one.bounds for one in outcomes])
-    tracked = np.array([one.tracked for one in outcomes])
+    levels_m = np.concatenate([one.score.bounds[:, 1] for one in outcomes])
+    there = _share([(one.score.other_end, one.score.frames) for one in moving], 100.0)
     others = [[one for each in names for one in found.get((each, system), ())] for system in SYSTEMS]
     return (
         name,
         _wrong(outcomes),
-        f"{max((100.0 * one.wrong / one.frames for one in moving), default=math.nan):.1f}",
+        f"{max((100.0 * one.score.wrong / one.score.frames for one in moving), default=math.nan):.1f}",
         _share([(one.wrong + one.other_end, one.frames) for one in still], 100.0),
-        _share([(one.other_end, one.frames) for one in moving], 100.0),
-        _misleading(outcomes),
-        f"{100.0 * np.median(bounds[:, 1]):.1f}" if len(bounds) else NONE,
+        f"{there}, {max((one.other_end_s for one in moving), default=0.0):.1f}",
+        misleading([one.score for one in outcomes]),
+        f"{100.0 * np.median(levels_m):.1f}" if len(levels_m) else NONE,
         f"{np.median(alarms):.1f}, {max(alarms):.1f}, {len(moving) - len(alarms)} of {len(moving)}" if alarms else NONE,
         f"{sum(named)} of {len(named)}" if named else NONE,
-        ", ".join(_percent(column) for column in tracked.T),
+        ", ".join(_percent(column) for column in np.array([one.tracked for one in outcomes], dtype=np.float64).T),
         *(_wrong(each) for each in others),
     )
 
@@ -243,7 +314,7 @@ def _percent(shares: FloatArray) -> str:
 def _picture(found: Found) -> Figure:
     """Stanford diagrams of both cameras, under all faults."""
     return bounds_figure({
-        camera: [one.bounds for (name, system), each in found.items() for one in each
+        camera: [one.score.bounds for (name, system), each in found.items() for one in each
                  if system == OWN and name.startswith(camera) and not name.endswith(": none")]
         for camera in (MIRROR, FEATURES)
     })  # fmt: skip

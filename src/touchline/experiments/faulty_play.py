@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from touchline.experiments.catalogue import ALWAYS, CATALOGUE, FEATURES, MIRROR, PASSING, SHORT, Kind, driven_by
-from touchline.experiments.drives import Drive, estimates_of, track_of
-from touchline.experiments.faults import FIRST_SEED, OWN, WRONG_M, WRONG_RAD, against_bounds, bounds_figure
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, wilson
+from touchline.experiments.drives import Drive, estimates_of
+from touchline.experiments.faults import FIRST_SEED, OWN, Score, bounds_figure, frames_of, misleading
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed, wilson
 from touchline.experiments.injections import Fault
-from touchline.geometry import FloatArray, runs_of
+from touchline.geometry import runs_of
 
 SECONDS, GAP_S = 600.0, 60.0  # of a robot's play; mean time from the end of a fault to the next one, exponential
 LASTS_S = (1.0, 120.0)  # even by the logarithm
@@ -27,23 +27,15 @@ WHOLE_DRIVES = ("field told", "at the start", "back an hour")  # how names of ki
 
 
 class Played(NamedTuple):
-    """What a system made of one robot's play, in frames of `period_s`.
-
-    faulty: frames with a fault; tracked; wrong: tracked, more than 0.5 m or 15° off, and not at the other end;
-    other_end: there, the true pose not named; bounded, misleading: with a protection level, and beyond it, given the
-    end. losses_s: how long each loss lasted that went unnoticed. bounds: (K, 2) error and protection level (m).
+    """What a system made of one robot's play, in frames of `period_s`; faulty: those with a fault; tracked. losses_s:
+    how long each loss lasted that went unnoticed.
     """
 
     period_s: float
-    frames: int
     faulty: int
     tracked: int
-    wrong: int
-    other_end: int
-    bounded: int
-    misleading: int
     losses_s: tuple[float, ...]
-    bounds: FloatArray
+    score: Score
 
 
 def kinds_in_play(robots: str) -> list[Kind]:
@@ -79,25 +71,18 @@ def played(robots: str, number: int, seed: int, seconds: float) -> Played:
     clean = driven_by(robots, number, seed, seconds)
     faults = faults_of(robots, seconds, np.random.default_rng([seed, number, 26]))
     drive = with_faults(clean, faults, number, seed)
-    estimates = estimates_of(OWN, drive, seed)
-    track = track_of(drive, estimates)
-    off, there = ~track.within(WRONG_M, WRONG_RAD), track.turned.within(WRONG_M, WRONG_RAD)
-    wrong, other_end = track.tracking & off & ~there, track.tracking & off & there & ~track.twin_named
-    given, beyond, bounds = against_bounds(track, estimates)
-    times_s = clean.times_s
+    found, times_s = frames_of(drive, estimates_of(OWN, drive, seed)), clean.times_s
     period_s = float(np.median(np.diff(times_s)))
     lasting = [(times_s >= fault.start_s) & (times_s < fault.end_s) for _, fault in faults]
-    lost_s = period_s * np.diff(runs_of(wrong | other_end), axis=1).ravel()
-    return Played(
-        period_s, len(estimates), int(np.any(lasting, axis=0).sum()), int(track.tracking.sum()), int(wrong.sum()),
-        int(other_end.sum()), int(given.sum()), int((given & beyond).sum()), tuple(lost_s[lost_s > LOSS_S].tolist()),
-        bounds[given],
-    )  # fmt: skip
+    lost_s = period_s * np.diff(runs_of(found.wrong | found.other_end), axis=1).ravel()
+    losses_s = tuple(lost_s[lost_s > LOSS_S].tolist())
+    return Played(period_s, int(np.any(lasting, axis=0).sum()), int(found.tracking.sum()), losses_s, found.score())
 
 
-def _of_robot(task: tuple[str, int, int]) -> dict[str, Played]:
+def _of_robot(task: tuple[str, int, int]) -> tuple[str, dict[str, Any]]:
     robots, number, seed = task
-    return {robots: played(robots, number, FIRST_SEED + seed, SECONDS)}
+    one = played(robots, number, FIRST_SEED + seed, SECONDS)
+    return robots, {**one._asdict(), "score": one.score.tree()}
 
 
 def play(seeds: int) -> ExperimentResult:
@@ -105,16 +90,18 @@ def play(seeds: int) -> ExperimentResult:
     tasks = [
         (robots, number, seed) for seed in range(seeds) for robots in ROBOTS for number in ROBOTS[robots][seed % 2]
     ]
-    found = gathered(_of_robot, tasks, "plays")
+    found: dict[str, list[Played]] = {robots: [] for robots in ROBOTS}
+    for robots, tree in resumed(_of_robot, tasks, "plays"):
+        found[robots].append(Played(**{**tree, "score": Score.of_tree(tree["score"])}))
     every = [one for each in found.values() for one in each]
     return ExperimentResult(
         "Hours of play with faults that come and go",
         COLUMNS,
-        [*(_row(robots, found[robots]) for robots in ROBOTS), _row("all", every)],
+        [*(_row(robots, found[robots]) for robots in ROBOTS if found[robots]), _row("all", every)],
         Headline("losses of more than 1 s that went unnoticed; beyond the protection level", NONE,
                  f"{sum(len(one.losses_s) for one in every)} in {_hours(every):.1f} h; {_misleading(every)} ‰"),
         _NOTES,
-        (("bounds", bounds_figure({robots: [one.bounds for one in plays] for robots, plays in found.items()})),),
+        (("bounds", bounds_figure({robots: [one.score.bounds for one in plays] for robots, plays in found.items()})),),
     )  # fmt: skip
 
 
@@ -134,21 +121,21 @@ _NOTES = (
 
 
 def _hours(plays: Sequence[Played]) -> float:
-    return sum(one.period_s * one.frames for one in plays) / 3600.0
+    return sum(one.period_s * one.score.frames for one in plays) / 3600.0
 
 
 def _misleading(plays: Sequence[Played]) -> str:
-    bounded, misleading = sum(one.bounded for one in plays), sum(one.misleading for one in plays)
-    if not bounded:
+    scores = [one.score for one in plays]
+    if not (bounded := sum(one.bounded for one in scores)):
         return NONE
-    low, high = wilson(misleading, bounded)
-    return f"{1000.0 * misleading / bounded:.2f} [{1000.0 * low:.2f}, {1000.0 * high:.2f}]"
+    low, high = wilson(sum(one.misleading for one in scores), bounded)
+    return f"{misleading(scores)} [{1000.0 * low:.2f}, {1000.0 * high:.2f}]"
 
 
 def _row(name: str, plays: Sequence[Played]) -> Row:
-    frames = sum(one.frames for one in plays)
+    frames = sum(one.score.frames for one in plays)
     losses_s = [loss_s for one in plays for loss_s in one.losses_s]
-    counts = zip(*((one.faulty, one.tracked, one.wrong, one.other_end) for one in plays), strict=True)
+    counts = zip(*((one.faulty, one.tracked, one.score.wrong, one.score.other_end) for one in plays), strict=True)
     faulty, tracked, wrong, other_end = (100.0 * sum(count) / frames for count in counts)
     return (
         name, f"{_hours(plays):.1f}", f"{faulty:.0f}", f"{tracked:.1f}", f"{wrong:.3f}", f"{other_end:.3f}",

@@ -7,12 +7,14 @@ and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which 
 from __future__ import annotations
 
 import io
+import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,10 +32,21 @@ Listener = Callable[[str], None]
 Row = tuple[str, ...]
 NONE = "–"
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
+class Kept(NamedTuple):
+    """A file of results as they come; part: which tasks are run, by a regular expression for what begins them."""
+
+    path: Path
+    part: str = ""
+
+
+_KEPT: ContextVar[Kept | None] = ContextVar("kept", default=None)
 _WORKERS: ContextVar[Workers] = ContextVar("workers", default=Here())  # noqa: B039  # it holds nothing
 _DRAWS = 2000
 PAGE = "results.md"
 _MAX_BYTES = 10_000_000
+_MAX_KEPT = 500_000_000
 _HEAD = (
     "# Results of the experiments",
     "",
@@ -45,15 +58,16 @@ _HEAD = (
 
 
 @contextmanager
-def progress_to(listener: Listener | None, workers: Workers | None = None) -> Iterator[None]:
+def progress_to(listener: Listener | None, workers: Workers | None = None, kept: Kept | None = None) -> Iterator[None]:
     """Within it, `listener` is told of every step of `follow` and `computed`, as a short line of text.
 
-    workers: who computes what is `computed`; None: this process.
+    workers: who computes what is `computed`; None: this process. kept: where results that are `resumed` stand.
     """
-    token, workers_before = _LISTENER.set(listener), _WORKERS.set(workers or Here())
+    token, workers_before, kept_before = _LISTENER.set(listener), _WORKERS.set(workers or Here()), _KEPT.set(kept)
     try:
         yield
     finally:
+        _KEPT.reset(kept_before)
         _LISTENER.reset(token)
         _WORKERS.reset(workers_before)
 
@@ -74,6 +88,33 @@ def computed(function: Callable[[Item], Result], items: Sequence[Item], what: st
     for number in range(1, len(items) + 1):
         tell(f"{what}, {number} of {len(items)}")
         yield next(results)
+
+
+def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str) -> list[Any]:
+    """`computed` of items and results that JSON knows. Where a file is kept each result is written to it at once, what
+    it holds is not computed again, and all of it comes back. Raises InputError for a file that is none.
+    """
+    kept = _KEPT.get()
+    if kept is None:
+        return list(computed(function, items, what))
+    text = read_text(kept.path, _MAX_KEPT) if kept.path.exists() else ""
+    try:
+        whole = text[: text.rfind("\n") + 1]  # a last line may have been cut off
+        lines = [json.loads(line) for line in whole.splitlines()]
+        held = {json.dumps(line["of"]): line["found"] for line in lines}
+    except (ValueError, TypeError, KeyError):
+        raise InputError(f"{kept.path}: is no file of results; choose another folder") from None
+    left = [item for item in items if json.dumps(item) not in held and re.search(kept.part, str(item))]
+    tell(f"{what}: {len(held)} were done before, {len(left)} are left")
+    replace_file(kept.path, whole.encode())
+    with kept.path.open("a", encoding="utf-8") as file:
+        for item, found in zip(left, computed(function, left, what), strict=True):
+            file.write(json.dumps({"of": item, "found": found}) + "\n")
+            file.flush()
+            held[json.dumps(item)] = found
+    if not held:
+        raise InputError(f"{kept.path}: holds no results; run the experiment without --draw, or another --part")
+    return list(held.values())
 
 
 def together(results: Iterable[Mapping[Key, Result]]) -> dict[Key, list[Result]]:

@@ -22,6 +22,7 @@ from touchline.config import Settings, added
 from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M
+from touchline.localization.estimator.monitor import monitored
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.localization.published.iris.field_side import FieldSide
 from touchline.localization.published.iris.image_doubt import ImageMirror
@@ -42,7 +43,7 @@ from touchline.motion import (
 from touchline.motion.samples import NANOSECONDS
 from touchline.motion.start import StartSettings
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
-from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.setup import RobotSetup, open_monitor, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import (
     Estimate,
@@ -79,6 +80,7 @@ class IrisPaper(Settings):
         paper=True,
         description="true as in the paper: every point has its say; false: no more than max_points, evenly chosen",
     )
+    monitor: bool = monitored()
 
 
 class IrisFusionSettings(StartSettings):
@@ -127,6 +129,7 @@ class IrisFusion:
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
         self.side = FieldSide(settings.restart.paper.heading_rad)
+        self.monitor = open_monitor(setup, settings.paper.monitor)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -143,6 +146,7 @@ class IrisFusion:
         self.stamp_ns: int | None = None
         self.searching = prior.pose is None
         self.restart.reset()
+        self.monitor.reset()
         self.particles = IrisParticles(self.field, self.rng, s.particles)
         if prior.pose is not None:
             covariance = s.start_covariance if prior.covariance is None else prior.covariance
@@ -162,7 +166,8 @@ class IrisFusion:
             self.odometry.pose, motion, vision, duration_s, motion.by_gyro, vision and self.image.doubt(vision.pose)
         )
         self._correct(compass_rad)  # figure 1: the odometry's offset
-        return self._report(observation, residual_m, clock)
+        told = self._report(observation, residual_m, clock)
+        return self.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
 
     def _odometry(self, frame: Frame) -> tuple[Motion, float]:
         """Figure 4: the motion since the last frame, without what is known of the gyro's bias, and its time (s)."""

@@ -12,6 +12,8 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from touchline.camera import PerspectiveCamera
@@ -19,6 +21,7 @@ from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.field.region import OWN_HALF, Region
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.monitor import monitored
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
@@ -27,7 +30,7 @@ from touchline.localization.registration.feature_model import FeatureModel, Feat
 from touchline.localization.registration.features import Features, FeatureSettings, levelled
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphSettings, line_graph_detector, observe
-from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.setup import RobotSetup, open_monitor, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
@@ -60,6 +63,7 @@ class NimbroPaper(Settings):
         description="all particles start anew anywhere once the pose explains too little; off: random particles alone "
         "find a robot that was carried away, as in the paper",
     )
+    monitor: bool = monitored()
 
 
 class NimbroLinesSettings(Settings):
@@ -91,6 +95,8 @@ class NimbroLines:
         height_m = setup.height_m or CAMERA_HEIGHT_M
         if isinstance(camera, PerspectiveCamera):
             height_m = float(camera.base_from_camera.translation_m[2])
+        seen_from = setup if camera is not None else replace(setup, height_m=height_m)
+        self.monitor = open_monitor(seen_from, s.paper.monitor)
         associations, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(associations, s.features, height_m)
         told_apart = self.features.tell_ends_apart
@@ -110,6 +116,7 @@ class NimbroLines:
         self.history.clear()
         self.leaning.clear()
         self.tracker.reset(prior)
+        self.monitor.reset()
         if prior.pose is not None:
             self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
         else:
@@ -130,7 +137,8 @@ class NimbroLines:
             self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
         if self.tracker.is_lost and self.settings.paper.restart:
             self._search()  # ours, beside section 5's random particles
-        return self._report(observation, view, clock)
+        told = self._report(observation, view, clock)
+        return self.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
 
     def _search(self) -> None:
         self.tracker.lose()

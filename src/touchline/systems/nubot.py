@@ -20,7 +20,7 @@ from touchline.localization.published.nubot.tracker import Tracker
 from touchline.localization.registration.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, open_monitor
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Hypothesis, Observation, Prior, Status
 
@@ -75,6 +75,7 @@ class Following:
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         self.tracker = Tracker(search.matcher, s.fusion, s.odometry)
         self.failure = FailureMonitor(search, s.failure, keep_unless_better)
+        self.monitor = open_monitor(setup, s.failure.paper.monitor)
         self.doubt = Doubt(search, s.failure)
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
 
@@ -87,6 +88,7 @@ class Following:
         self.compass_correction.reset()
         self.tracker.reset(prior)
         self.doubt.reset()
+        self.monitor.reset()
         self.failure.reset(start_pose_unconfirmed=self.tracker.has_pose)
         self.belief.reset(prior)
 

@@ -32,7 +32,7 @@ from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion import MotionHistory
 from touchline.perception import observe
 from touchline.systems.nubot import CommonSettings, opened_detector, report
-from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.setup import RobotSetup, open_monitor, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
@@ -55,6 +55,7 @@ class NubotMclAlone:
         matcher = Matcher(field.distance_map(), s.matching)
         whole_field = GlobalSearch(matcher, field.length, field.width)
         self.failure = FailureMonitor(whole_field, s.failure, s.paper.keep_unless_better)
+        self.monitor = open_monitor(setup, s.failure.paper.monitor)
         self.particles = NubotParticles(
             matcher, field.length, field.width, rng, s.particles, symmetric=field.is_symmetric
         )
@@ -74,6 +75,7 @@ class NubotMclAlone:
         self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance, self.settings.fusion)
         self.has_pose = prior.pose is not None
         self.failure.reset(start_pose_unconfirmed=self.has_pose)
+        self.monitor.reset()
         self.follower.search.reset()
         self.belief.reset(prior)
 
@@ -92,7 +94,8 @@ class NubotMclAlone:
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view)  # search: the same over the whole field
-        return report(observation, self.filter, self.belief, match, (), clock)
+        told = report(observation, self.filter, self.belief, match, (), clock)
+        return self.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
 
     def _follow(self, view: MatchInput) -> Match | None:
         """One more cycle about the pose; None without a pose, or without usable points."""

@@ -67,4 +67,5 @@ class NubotMti:
             self.following.judge(view, match, fusion, motion.missing_s)  # judge (4.2)
         if view.usable and not belief.is_tracking:
             match, rivals = self.following.search(self.localizer, view, match)  # search: global localization (4.1)
-        return report(observation, tracker.filter, belief, match, rivals, clock, tracker.unseen(view))
+        told = report(observation, tracker.filter, belief, match, rivals, clock, tracker.unseen(view))
+        return self.following.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?

@@ -11,6 +11,8 @@ from touchline.camera import Camera, OmniCamera, open_camera
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.given import given_numbers, refused
+from touchline.localization.camera_errors import camera_errors
+from touchline.localization.estimator.monitor import Monitor, NoMonitor
 from touchline.messages import did_you_mean
 
 _EXPECTED = "a RobotSetup, a field's name or a dict of field, camera, wheel_directions_rad, height_m"
@@ -96,6 +98,13 @@ def as_setup(given: object) -> RobotSetup:
         raise InputError(f"setup: expected {_EXPECTED}; {error}") from None
 
 
+def open_monitor(setup: RobotSetup, wanted: bool) -> Monitor | NoMonitor:
+    """The monitor of a system that has none of its own."""
+    if not wanted:
+        return NoMonitor()
+    return Monitor(setup.field, camera_errors(setup.camera, setup.height_m), setup.walks)
+
+
 class _HasSetup(Protocol):
     @property
     def setup(self) -> RobotSetup: ...
@@ -106,4 +115,4 @@ def system_text(system: _HasSetup) -> str:
     return repr(system.setup).replace("RobotSetup", type(system).__name__)
 
 
-__all__ = ["RobotSetup", "as_setup", "system_text"]
+__all__ = ["RobotSetup", "as_setup", "open_monitor", "system_text"]

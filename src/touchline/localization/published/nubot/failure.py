@@ -6,6 +6,7 @@ from pydantic import Field
 
 from touchline.config import Settings, added
 from touchline.geometry import Pose
+from touchline.localization.estimator.monitor import monitored
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput
 from touchline.localization.published.nubot.matcher import Match
@@ -45,6 +46,8 @@ class FailurePaper(Settings):
         description="believe a pose only if lines fix it, its points lie near them, no other place explains them as "
         "well and it agrees with the odometry; without it whatever fits best is called tracking, scatter, too",
     )
+
+    monitor: bool = monitored()
 
     @property
     def doubts(self) -> bool:
