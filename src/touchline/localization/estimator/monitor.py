@@ -112,7 +112,7 @@ class Monitor:
             self.bank.confirmed = True
         self.bank.members[0].filter = there
         self.bank.register(image)
-        self.bank.update(image, (), 0.0)
+        self.bank.update(image, (), ())
         predicted = None
         if before is not None:
             predicted = before.pose.compose(history.between(before.stamp_ns, estimate.stamp_ns).pose)
