@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from touchline.localization.search.field_search import FieldSearch, Searched
 from touchline.localization.search.pose_search import Known
 from touchline.types import Observation
 
+ATTITUDES = 49  # of a perspective camera that are searched: all of the grid
 EXACT2 = 1e-14  # variance of an error of the camera that is known exactly
 MIN_CONFIDENCE = 0.5  # of a feature that contradicts a pose
 MAX_CHI2 = (
@@ -41,7 +42,7 @@ _search_of = functools.lru_cache(maxsize=4)(FieldSearch)  # of a field: 10 ms of
 
 class JointFit(NamedTuple):
     """A pose with its covariance (3, 3) in (m, m, rad), the camera's errors (K,), the log-likelihood of all that is
-    seen and the share of it that lies where it should.
+    seen and of these errors, and the share of what is seen that lies where it should.
     """
 
     pose: Pose
@@ -70,10 +71,22 @@ class JointSearch:
     def fits(self, starts: Sequence[Pose], known: Known | None = None) -> list[JointFit]:
         """From the poses that the search finds and from starts, the likeliest first. known: of the pose."""
         seen, all_round = self.seen, self.errors.trust.free_fit
-        searched = Searched(seen, self._view_at, seen.positions_m, self._prior, self._response, all_round)
+        prior, response = self._prior, self._response
+        searched = Searched(seen, self._view_at, seen.positions_m, prior, response, all_round, ATTITUDES)
         modes = self._search.modes(searched, () if known is None else (known,))
-        fits = [self._fit(pose) for pose in (*(mode.pose for mode in modes), *starts)]
+        from_modes = [(mode.pose, self._prior.mean[3:] if mode.errors is None else mode.errors) for mode in modes]
+        found = (*from_modes, *self._by_points(searched), *((pose, self._prior.mean[3:]) for pose in starts))
+        fits = [self._fit(*start) for start in found]
         return sorted(fits, key=lambda one: -one.log_likelihood)
+
+    def _by_points(self, searched: Searched) -> Iterator[tuple[Pose, FloatArray]]:
+        """Poses at which line points lie on lines with the camera at each attitude, and that as errors (K,) of it."""
+        if searched.all_round:
+            return
+        for errors in self._search.attitudes(searched):
+            points = placed_points(self.seen.positions_m, errors, self._response)
+            for mode in self._search.points.everywhere(points, self.seen.covariances_m2):
+                yield mode.pose, errors
 
     def _view_at(self, errors: FloatArray) -> FeatureView:
         """The features without errors (K,) of the camera."""
@@ -88,13 +101,17 @@ class JointSearch:
         """What contradicts a fit, a sentence each: features that are none of the field's there, a camera far off."""
         return (*self._contradicting(fit), *self._of_camera(fit))
 
-    def _fit(self, start: Pose) -> JointFit:
-        state = np.array([*start, *np.zeros(len(self._deviations))])
-        prior = StatePrior(state, self._prior.information)
+    def _fit(self, start: Pose, errors: FloatArray) -> JointFit:
+        """From a pose and errors (K,) of the camera."""
+        prior = StatePrior(np.array([*start, *np.zeros(len(errors))]), self._prior.information)
+        state = np.array([*start, *errors])
         fit: StateFit = self._search.registration.fit_state(self.seen, state, prior, TRACKING, self._response)
         covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3]
         covariance += np.diag(np.square(self.errors.floor))
-        return JointFit(as_pose(fit.state), covariance, fit.state[3:].copy(), fit.log_likelihood, fit.explained)
+        strain = 0.5 * float(np.sum(np.square(fit.state[3:] / self._deviations)))
+        return JointFit(
+            as_pose(fit.state), covariance, fit.state[3:].copy(), fit.log_likelihood - strain, fit.explained
+        )
 
     def _contradicting(self, fit: JointFit) -> list[str]:
         pose, points, found = fit.pose, self.seen.features, []

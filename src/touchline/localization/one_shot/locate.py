@@ -186,7 +186,10 @@ def locate_points(
     if not matches:
         raise NoFitError(_no_heading_message(heading, s))
     max_error = matches[0][1] * s.hypothesis_factor + s.hypothesis_margin
-    similar = [pose for pose, error in matches if error <= max_error]
+    similar = [_at(pose, points, field) for pose, error in matches if error <= max_error]
+    # distances as well, because the error saturates: once far points are lost, it hardly tells how far
+    max_m = similar[0].residual_m * s.hypothesis_factor + s.hypothesis_margin_m
+    similar = [similar[0], *(one for one in similar[1:] if one.residual_m <= max_m)]
     spread = Spread.stated_by(camera)
 
     def unsure(place: Pose) -> tuple[FloatArray, CameraDoubt]:
@@ -215,19 +218,22 @@ def _locate_observation(
     if not fits:
         raise NoFitError(_no_heading_message(heading, s))
     likely = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
-    covariances = {likely[k].pose: likely[k].covariance for k in _different([one.pose for one in likely])}
+    likely = [likely[k] for k in _different([one.pose for one in likely])]
+    covariances = {one.pose: one.covariance for one in likely}
+    similar = [_at(one.pose, joint.corrected(one), field) for one in likely]
     points, weights = _different_points(joint.corrected(fits[0]), None, s)
     sample, weights = sampled(points, weights, MAX_POINTS, seed)
 
     def unsure(place: Pose) -> tuple[FloatArray, None]:
         return covariances[place], None
 
-    found = _Found(points, sample, weights, list(covariances), unsure, joint.doubts(fits[0]), fits[0].explained)
+    found = _Found(points, sample, weights, similar, unsure, joint.doubts(fits[0]), fits[0].explained)
     return _judged(found, search, field, heading, s, seed)
 
 
 class _Found(NamedTuple):
     """Poses that explain the points (N, 2) about equally well, the best first, and by how much each may be off.
+    (Mean distances are of the points as each pose's camera errors correct them.)
 
     sample, weights (M,): points of which the pose's error is taken. doubts: what else speaks against the best pose.
     explained: share of all that is seen that lies where it should.
@@ -236,7 +242,7 @@ class _Found(NamedTuple):
     points: FloatArray
     sample: FloatArray
     weights: FloatArray
-    poses: Sequence[Pose]
+    similar: Sequence[Hypothesis]
     unsure: Callable[[Pose], tuple[FloatArray, CameraDoubt | None]]
     doubts: tuple[str, ...] = ()
     explained: float = 1.0
@@ -246,7 +252,7 @@ def _judged(
     found: _Found, search: PointSearch, field: FieldModel, heading: float | None, s: LocateSettings, seed: int
 ) -> Location:
     """The best pose, if it is better than chance, with all that speaks against it."""
-    points, pose = found.points, found.poses[0]
+    points, pose = found.points, found.similar[0].pose
     candidates = CANDIDATES if field.is_symmetric or heading is not None else 2 * CANDIDATES
     chance = permutation_test(search, found.sample, seed, candidates)
     distances = field.line_distances(pose.transform(points))
@@ -262,7 +268,7 @@ def _judged(
     nearest = Hypothesis(pose, mean_m, covariance=judged.covariance)
     others = tuple(
         replace(one, covariance=found.unsure(one.pose)[0]) if one.covariance is None else one
-        for one in _hypotheses(found.poses[1:], field, points, nearest, heading, s)
+        for one in _hypotheses(found.similar[1:], field, nearest, heading, s)
     )
     error = search.error(found.sample, found.weights, pose)
     doubts = (*_rivals(pose, others), *found.doubts, *judged.doubts)
@@ -281,21 +287,17 @@ def _check_heading(heading: float | None) -> None:
         )
 
 
+def _at(pose: Pose, points: FloatArray, field: FieldModel) -> Hypothesis:
+    """A pose with the mean distance of the points (N, 2) from the lines there."""
+    return Hypothesis(pose, float(np.mean(field.line_distances(pose.transform(points)))))
+
+
 def _hypotheses(
-    similar: Sequence[Pose],
-    field: FieldModel,
-    points: FloatArray,
-    nearest: Hypothesis,
-    heading: float | None,
-    s: LocateSettings,
+    similar: Sequence[Hypothesis], field: FieldModel, nearest: Hypothesis, heading: float | None, s: LocateSettings
 ) -> tuple[Hypothesis, ...]:
-    """The poses of similar error whose mean distance is about that of the nearest, too, the better first; only the twin
-    has a covariance. Both, because the error saturates: once far points are lost, it hardly tells how far.
-    """
+    """The poses that explain the points as well as the nearest, with its twin, which alone has a covariance."""
     assert nearest.covariance is not None
-    max_m = nearest.residual_m * s.hypothesis_factor + s.hypothesis_margin_m
-    means_m = [float(np.mean(field.line_distances(pose.transform(points)))) for pose in similar]
-    others = [Hypothesis(pose, mean_m) for pose, mean_m in zip(similar, means_m, strict=True) if mean_m <= max_m]
+    others = list(similar)
     mirrored = nearest.pose.mirrored()
     if field.is_symmetric and _allowed(mirrored, heading, s) and not _is_among(mirrored, [one.pose for one in others]):
         # it explains the points equally well by the field's symmetry

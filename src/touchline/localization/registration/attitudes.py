@@ -22,7 +22,7 @@ from touchline.matrices import inverse
 REACH, STEP_RAD = 1.5, 0.025  # of the grid in standard deviations, and its widest step
 GOOD = 0.85  # share explained from which no other attitude is tried
 KNOWN_RAD = 0.015  # standard deviation of roll or pitch below which one attitude is searched
-LIKELY = 8  # attitudes that are searched
+LIKELY = 8  # attitudes that are searched in images of a system
 MIN_SIGMA_RAD = 0.04  # of a line's direction: cameras have other errors, too
 
 
@@ -62,8 +62,9 @@ def fit_leaning(
     return max(tried, key=lambda each: each.log_likelihood - each.contradiction)
 
 
-def likely_attitudes(lines: LineFeatures, expected: StatePrior, response: Response) -> list[FloatArray]:
-    """Camera errors (K,) at which a search begins, the likeliest first: those expected, but for roll and pitch.
+def likely_attitudes(lines: LineFeatures, expected: StatePrior, response: Response, count: int) -> list[FloatArray]:
+    """Camera errors (K,) at which a search begins, up to a count, the likeliest first: but for roll and pitch those
+    that are expected.
 
     lines: as they were seen. Those of a field are parallel or at right angles; how nearly they are so at an attitude,
     and how far that is from what is expected, makes it likely.
@@ -77,7 +78,7 @@ def likely_attitudes(lines: LineFeatures, expected: StatePrior, response: Respon
         errors[:2] += offset
         scores.append(_squareness(lines, errors, response) - 0.5 * float(((offset / deviations) ** 2).sum()))
         found.append(errors)
-    return [found[k] for k in np.argsort(-np.array(scores), kind="stable")[:LIKELY]]
+    return [found[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
 
 
 def _squareness(lines: LineFeatures, errors: FloatArray, response: Response) -> float:

@@ -65,7 +65,7 @@ class FeatureSearch:
 
     def _mode(self, fit: StateFit, information: FloatArray, known: Sequence[Known]) -> Mode:
         covariance = np.linalg.inv(fit.information + information)[:3, :3]
-        mode = Mode(as_pose(fit.state), covariance, 1.0, fit.log_likelihood, fit.explained, fit.noise)
+        mode = Mode(as_pose(fit.state), covariance, 1.0, fit.log_likelihood, fit.explained, fit.noise, fit.state[3:])
         against = [sum(contradiction(pose, one) for one in known) for pose in (mode.pose, mode.pose.mirrored())]
         if self.symmetric and against[1] < against[0]:
             return replace(mode.mirrored(), log_likelihood=fit.log_likelihood - against[1])

@@ -15,7 +15,7 @@ from touchline.field import FieldModel
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import Response
-from touchline.localization.registration.attitudes import likely_attitudes
+from touchline.localization.registration.attitudes import LIKELY, likely_attitudes
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.joint import Seen, StatePrior
@@ -35,6 +35,7 @@ class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without errors (K,) of the camera, its line
     points (N, 2) without those that are known, and what is expected of pose and camera. all_round: whether it shows the
     whole field; pairs of the lines of a sector fit fewer places than its points, and tell how its camera leans.
+    attitudes: how many are searched.
     """
 
     seen: Seen
@@ -43,6 +44,7 @@ class Searched(NamedTuple):
     expected: StatePrior
     response: Response
     all_round: bool
+    attitudes: int = LIKELY
 
 
 class FieldSearch:
@@ -69,17 +71,16 @@ class FieldSearch:
         if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(view.lines.ends_m)):
             found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
         if view.size:
-            views = self._views(searched, view)
+            views = [(errors, searched.view_at(errors)) for errors in self.attitudes(searched)]
             more = self.features.modes(seen, views, searched.expected, searched.response, known, part)
             poses = [one.pose for one in found]
             found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
         return found
 
-    def _views(self, searched: Searched, view: FeatureView) -> list[tuple[FloatArray, FeatureView]]:
-        """The attitudes, as errors (K,) of the camera, that are searched, each with what is seen without them."""
+    def attitudes(self, searched: Searched) -> list[FloatArray]:
+        """The attitudes, as errors (K,) of the camera, that are searched."""
         expected = searched.expected
         if searched.all_round:
-            return [(expected.mean[3:], view)]
+            return [expected.mean[3:]]
         as_seen = searched.view_at(np.zeros(len(expected.mean) - 3)).lines
-        attitudes = likely_attitudes(as_seen, expected, searched.response)
-        return [(errors, searched.view_at(errors)) for errors in attitudes]
+        return likely_attitudes(as_seen, expected, searched.response, searched.attitudes)

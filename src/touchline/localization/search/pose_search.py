@@ -58,6 +58,7 @@ class Mode:
     """A pose that explains the points, its covariance (3, 3) in (m, m, rad), field frame, and its probability.
 
     log_likelihood: of the points, and of the lines that were not seen. explained, noise: as of `Registered`.
+    errors (K,): of the camera there, of a mode of features.
     """
 
     pose: Pose
@@ -66,6 +67,7 @@ class Mode:
     log_likelihood: float
     explained: float
     noise: float
+    errors: FloatArray | None = None
 
     def mirrored(self) -> Mode:
         """The same at the other end of a symmetric field."""
