@@ -14,7 +14,7 @@ from touchline.field.association import FieldAssociations
 from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import camera_errors
-from touchline.localization.camera_errors.base import Response, fill_rows, place, placed_points, prepare
+from touchline.localization.camera_errors.base import Response, fill_rows, place, placed_points, prepare, terms_at
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.joint import Seen, StatePrior
@@ -61,19 +61,20 @@ def ground() -> FloatArray:
 @njit
 def compiled_places(points, errors, began, response):  # type: ignore[no-untyped-def]
     """Points (N, 2) as `place` puts them, prepared at the errors (K,) with which a fit began."""
-    prepared, out = prepare(points, began, response), np.empty_like(points)
+    terms, prepared, out = terms_at(errors, response), prepare(points, began, response), np.empty_like(points)
     for i in range(points.shape[0]):
-        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], errors, prepared, i, response)
+        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], terms, prepared, i)
     return out
 
 
 @njit
 def compiled_columns(points, placed, normals, errors, began, response):  # type: ignore[no-untyped-def]
     """Derivatives (K, N) by the errors of where points lie along normals (N, 2)."""
-    prepared, rows = prepare(points, began, response), np.zeros((3 + errors.shape[0], points.shape[0]))
+    terms, prepared = terms_at(errors, response), prepare(points, began, response)
+    rows = np.zeros((3 + errors.shape[0], points.shape[0]))
     for i in range(points.shape[0]):
         seen, at = (points[i, 0], points[i, 1]), (placed[i, 0], placed[i, 1])
-        fill_rows(rows, i, i, (normals[i, 0], normals[i, 1]), (seen, at), errors, prepared, response)
+        fill_rows(rows, i, i, (normals[i, 0], normals[i, 1]), (seen, at), terms, prepared)
     return rows[3:]
 
 

@@ -19,6 +19,7 @@ from touchline.types import Frame, Samples
 
 _KEPT_NS = int(5.0 * NANOSECONDS)  # before the last frame: images come late by some tenths of a second
 _MAX_NS = int(60.0 * NANOSECONDS)  # without any frame, so that memory stays bounded
+_KEPT_MOTIONS = 8  # that were asked for since the last samples
 
 
 class Orientation(NamedTuple):
@@ -63,6 +64,7 @@ class MotionHistory:
         self.compass = Compass(compass or CompassTrackSettings(), self.gyro)
         self.attitude = SampleHistory(columns=2)
         self.wheels: WheelOdometry | None = None
+        self._motions: dict[tuple[int, int], Motion] = {}  # by stamps: an image's is asked for more than once
         self._sensors: dict[str, Sensor] = {
             "odometry": self.odometry.samples,
             "gyro": self.gyro,
@@ -110,6 +112,7 @@ class MotionHistory:
         sensor = self._sensors.get(name)
         if sensor is None or samples is None or len(samples) == 0:
             return
+        self._motions.clear()
         believed = self.clocks.believed(name, samples)
         if believed.clock_jumped:
             sensor.clear()
@@ -119,6 +122,7 @@ class MotionHistory:
     def clear(self) -> None:
         """Forget all samples, as if none had come yet; counts stay."""
         self.clocks.clear()
+        self._motions.clear()
         for sensor in self._sensors.values():
             sensor.clear()
 
@@ -129,6 +133,13 @@ class MotionHistory:
         """
         if end_ns < start_ns:
             raise ValueError(f"motion runs forward in time, got {start_ns} to {end_ns} ns")
+        if (start_ns, end_ns) not in self._motions:
+            if len(self._motions) >= _KEPT_MOTIONS:
+                self._motions.clear()
+            self._motions[start_ns, end_ns] = self._between(start_ns, end_ns)
+        return self._motions[start_ns, end_ns]
+
+    def _between(self, start_ns: int, end_ns: int) -> Motion:
         if self.wheels is None:
             return self.odometry.between(start_ns, end_ns)
         return self.odometry_instead(start_ns, end_ns) or self.wheels.between(start_ns, end_ns)

@@ -66,7 +66,7 @@ class ProfileLimits(NamedTuple):
     dark_floor: bool
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
     """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
     count, carpet = limits.flank_px, limits.carpet
@@ -85,7 +85,7 @@ def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
     return level / count if is_carpet else np.nan, blue, green, red
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _flank(values, classes, first, step, count):  # type: ignore[no-untyped-def]
     """Mean level and B, G, R of those of `count` samples from `first` on, walking by `step`, that are green.
 
@@ -107,7 +107,7 @@ def _flank(values, classes, first, step, count):  # type: ignore[no-untyped-def]
     return level / number if darkest >= 0.7 * brightest else np.nan, blue / number, green / number, red / number
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped-def]
     """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
@@ -146,7 +146,7 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     return foot, base, found_blue, found_green, found_red
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[no-untyped-def]
     """As `_foot`, where the carpet ends at the line: an even floor, darker than the carpet (3,) on its other side.
 
@@ -161,31 +161,35 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
         k = peak + step * m
         if top - values[LEVEL, k] < 0.5 * limits.min_contrast:
             continue
-        level, darkest, brightest, own = 0.0, np.inf, 0.0, False
-        sums = np.zeros(3)
+        darkest, brightest, own = np.inf, 0.0, False
         for n in range(count):
             j = k + step * n
             own = own or classes[j] == BODY or classes[j] == GREEN
             total = values[0, j] + values[1, j] + values[2, j]
             darkest, brightest = min(darkest, total), max(brightest, total)
-            level += values[LEVEL, j] / count
-            for c in range(3):
-                sums[c] += values[c, j] / count
         even = darkest >= 0.6 * brightest or brightest < 0.2 * carpet
-        if own or not even or brightest > _DARK * carpet or sums[1] > _DARK * beside[1]:
+        dark = even and not own and brightest <= _DARK * carpet
+        level = mean_blue = mean_green = mean_red = 0.0
+        for n in range(count if dark else 0):
+            j = k + step * n
+            level += values[LEVEL, j] / count
+            mean_blue += values[0, j] / count
+            mean_green += values[1, j] / count
+            mean_red += values[2, j] / count
+        if not dark or mean_green > _DARK * beside[1]:
             if foot >= 0:
                 break
             continue
         if not level < base or top - level < 0.5 * limits.min_contrast:
             break
         foot, base, steps = k, level, steps + 1
-        blue, green, red = sums[0], sums[1], sums[2]
+        blue, green, red = mean_blue, mean_green, mean_red
         if steps == 3:
             break
     return foot, base, blue, green, red
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _halved(low, high):  # type: ignore[no-untyped-def]
     """The lower of each two of low, the higher of each two of high: (N,) -> (N // 2,)."""
     lower, higher = np.empty(len(low) // 2, np.float32), np.empty(len(low) // 2, np.float32)
@@ -194,7 +198,7 @@ def _halved(low, high):  # type: ignore[no-untyped-def]
     return lower, higher
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _rises(levels, reach):  # type: ignore[no-untyped-def]
     """For each block of samples how far its highest rises above what all its peaks have on one of their sides.
 
@@ -215,7 +219,7 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
     return rises
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _falls(values, peak, limits, span):  # type: ignore[no-untyped-def]
     """Whether the level falls on both sides, tried at a few distances: most maxima are noise of the green."""
     least = 0.5 * limits.min_contrast
@@ -232,7 +236,7 @@ def _falls(values, peak, limits, span):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
     """Position (samples) at half height between the green from `foot` on (level `base`) and the paint at `peak`.
 
@@ -253,7 +257,7 @@ def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
     return -1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
     """Height of a peak above the green on both sides, and whether one of them is a dark floor; 0 where there is no
     such green or no edge towards it.
@@ -288,7 +292,7 @@ def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[n
     return values[LEVEL, peak] - max(bases[0], bases[1]), floors > 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _looks_white(values, middle, means, toward, least, cosine):  # type: ignore[no-untyped-def]
     """Whether what is added to the green beside it (means (2, 3)) is paint, not a ball's or a marker's colour."""
     k = int(middle)
@@ -301,7 +305,7 @@ def _looks_white(values, middle, means, toward, least, cosine):  # type: ignore[
     return dot >= cosine * np.sqrt(size * toward_size) and dot >= least * toward_size
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def on_one_line(crossings, reach_m, aside_m, others):  # type: ignore[no-untyped-def]
     """(M,) whether crossings (M, COLUMNS) have carpet on both sides, or lie on one straight line with `others` more
     beside a floor, all within reach_m: a robot's foot does not.
@@ -324,12 +328,12 @@ def on_one_line(crossings, reach_m, aside_m, others):  # type: ignore[no-untyped
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _size2(colour):  # type: ignore[no-untyped-def]
     return colour[0] * colour[0] + colour[1] * colour[1] + colour[2] * colour[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
     """Green-white-green profiles of all scan lines into out (M, COLUMNS); returns how many.
 

@@ -1,7 +1,7 @@
 """What a built camera differs by from its camera.yaml: errors that all its images share, states of the filter.
 
 One record for every kind of camera, one file for each. What compiled loops need of a kind stands there: it overloads
-`prepare`, `place` and `fill_rows` for the type of its `response`, and the loops of `registration` are compiled once for
+`prepare`, `terms_at`, `place` and `fill_rows` for its types, and the loops of `registration` are compiled once for
 each kind.
 """
 
@@ -115,11 +115,15 @@ def prepare(points: Any, errors: Any, response: Any) -> Any:
     """(P, N): what of points (N, 2), robot frame, is the same in every step of a fit that begins at errors (K,)."""
 
 
-def place(x: Any, y: Any, errors: Any, prepared: Any, i: Any, response: Any) -> Any:
-    """(x, y): where point i belongs, robot frame (m), as a camera without errors (K,) would see it."""
+def terms_at(errors: Any, response: Any) -> Any:
+    """What all points have in common at errors (K,): a NamedTuple of numbers, which stay in registers."""
 
 
-def fill_rows(rows: Any, row: Any, i: Any, normal: Any, points: Any, errors: Any, prepared: Any, response: Any) -> Any:
+def place(x: Any, y: Any, terms: Any, prepared: Any, i: Any) -> Any:
+    """(x, y): where point i belongs, robot frame (m), as a camera without errors would see it."""
+
+
+def fill_rows(rows: Any, row: Any, i: Any, normal: Any, points: Any, terms: Any, prepared: Any) -> Any:
     """Into rows[3:3 + K, row]: derivative by the errors of where point i lies along a normal (2,), robot frame.
 
     points: the point as seen, and where `place` puts it.
@@ -129,7 +133,7 @@ def fill_rows(rows: Any, row: Any, i: Any, normal: Any, points: Any, errors: Any
 @njit(cache=True, error_model="numpy")
 def placed_points(points, errors, response):  # type: ignore[no-untyped-def]
     """Points (N, 2) as a camera without errors (K,) would have seen them, robot frame (m)."""
-    prepared, out = prepare(points, errors, response), np.empty_like(points)
+    terms, prepared, out = terms_at(errors, response), prepare(points, errors, response), np.empty_like(points)
     for i in range(points.shape[0]):
-        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], errors, prepared, i, response)
+        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], terms, prepared, i)
     return out

@@ -12,7 +12,7 @@ the mirror's own shape; as mirrors bend they are taken half way between p and p'
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,7 +21,7 @@ from numba.extending import overload
 from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.base import ALL_ROUND, CameraErrors, Lean, fill_rows, place, prepare
+from touchline.localization.camera_errors.base import ALL_ROUND, CameraErrors, Lean, fill_rows, place, prepare, terms_at
 from touchline.localization.camera_errors.mirror_response import (
     HEIGHT_M,
     SCALE_STEP_M,
@@ -42,6 +42,17 @@ UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of an unde
 EXACT_TILT_DEG, EXACT_CENTER_RATIO, EXACT_RANGE_RATIO = 0.02, 0.0005, 0.002
 MIN_DEPTH = 0.2  # of 1 - g·p: beyond it is the horizon
 NAMES = ("lean towards x (1/m)", "lean towards y (1/m)", "centre u (px)", "centre v (px)", "range ratio")
+
+
+class MirrorTerms(NamedTuple):
+    """The errors of this module's equations: g (1/m), c (px), s; and h (m)."""
+
+    lean_x: float
+    lean_y: float
+    center_u: float
+    center_v: float
+    scale: float
+    height_m: float
 
 
 def mirror_errors(camera: Camera | None) -> CameraErrors:
@@ -114,8 +125,8 @@ def _nearer(qx, qy, errors):  # type: ignore[no-untyped-def]
     return 1.0 / max(1.0 - errors[0] * qx - errors[1] * qy, MIN_DEPTH)
 
 
-def _is_mirror(response: Any) -> bool:
-    return getattr(response, "instance_class", None) is MirrorResponse
+def _is_mirror(value: Any) -> bool:
+    return getattr(value, "instance_class", None) in (MirrorResponse, MirrorTerms)
 
 
 @overload(prepare, jit_options={"error_model": "numpy"})
@@ -136,32 +147,41 @@ def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
     return shapes
 
 
-@overload(place, jit_options={"error_model": "numpy"})
-def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+@overload(terms_at, jit_options={"error_model": "numpy"})
+def _terms_at(errors, response):  # type: ignore[no-untyped-def]
     if not _is_mirror(response):
         return None
+    return lambda errors, response: MirrorTerms(
+        errors[0], errors[1], errors[2], errors[3], errors[4], response.height_m
+    )
 
-    def upright(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
-        qx, qy = _shifted(x, y, errors, _shape(prepared, i))
-        nearer, square = _nearer(qx, qy, errors), response.height_m * response.height_m
-        return nearer * (qx + square * errors[0]), nearer * (qy + square * errors[1])
+
+@overload(place, jit_options={"error_model": "numpy"})
+def _place(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
+    if not _is_mirror(terms):
+        return None
+
+    def upright(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
+        qx, qy = _shifted(x, y, terms, _shape(prepared, i))
+        nearer, square = _nearer(qx, qy, terms), terms.height_m * terms.height_m
+        return nearer * (qx + square * terms[0]), nearer * (qy + square * terms[1])
 
     return upright
 
 
 @overload(fill_rows, jit_options={"error_model": "numpy"})
-def _fill_rows(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
-    if not _is_mirror(response):
+def _fill_rows(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
+    if not _is_mirror(terms):
         return None
 
-    def columns(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
+    def columns(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
         seen, placed = points
         rx, ry = normal
         cxx, cxy, cyy, gxx, gxy, gyy = _shape(prepared, i)
-        qx, qy = _shifted(seen[0], seen[1], errors, (cxx, cxy, cyy, gxx, gxy, gyy))
-        nearer, square = _nearer(qx, qy, errors), response.height_m * response.height_m
+        qx, qy = _shifted(seen[0], seen[1], terms, (cxx, cxy, cyy, gxx, gxy, gyy))
+        nearer, square = _nearer(qx, qy, terms), terms.height_m * terms.height_m
         outward = rx * placed[0] + ry * placed[1]
-        mx, my = nearer * (rx + outward * errors[0]), nearer * (ry + outward * errors[1])  # before the tilt
+        mx, my = nearer * (rx + outward * terms[0]), nearer * (ry + outward * terms[1])  # before the tilt
         rows[3, row] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
         rows[4, row] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
         rows[5, row] = cxx * mx + cxy * my

@@ -17,7 +17,7 @@ from numba.extending import overload
 from touchline.camera import Camera, ground_view
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
-from touchline.localization.camera_errors.base import SECTOR, CameraErrors, Lean, fill_rows, place, prepare
+from touchline.localization.camera_errors.base import SECTOR, CameraErrors, Lean, fill_rows, place, prepare, terms_at
 from touchline.localization.camera_errors.fisheye_focal import angle_stretch, scaled_angle
 from touchline.types import Frame
 
@@ -51,6 +51,21 @@ class PerspectiveResponse(NamedTuple):
     fisheye: bool
 
 
+class PerspectiveTerms(NamedTuple):
+    """eye, axis, fisheye: as of `PerspectiveResponse`. ahead: unit vector that `ahead` gives. roll, pitch: cosine and
+    sine. height_ratio, focal_ratio: errors.
+    """
+
+    eye: tuple[float, float, float]
+    axis: tuple[float, float, float]
+    fisheye: bool
+    ahead: tuple[float, float]
+    roll: tuple[float, float]
+    pitch: tuple[float, float]
+    height_ratio: float
+    focal_ratio: float
+
+
 def perspective_errors(camera: Camera | None, height_m: float | None = None) -> CameraErrors:
     """Those of a camera, or of one at a height behind a detector of the robot's own."""
     eye = np.array([0.0, 0.0, height_m or HEIGHT_M])
@@ -79,8 +94,8 @@ def _pose(camera: Camera, frame: Frame) -> Pose3 | None:
         return None
 
 
-def _is_perspective(response: Any) -> bool:
-    return getattr(response, "instance_class", None) is PerspectiveResponse
+def _is_perspective(value: Any) -> bool:
+    return getattr(value, "instance_class", None) in (PerspectiveResponse, PerspectiveTerms)
 
 
 @overload(prepare, jit_options={"error_model": "numpy"})
@@ -94,30 +109,46 @@ def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
     return nothing
 
 
-@overload(place, jit_options={"error_model": "numpy"})
-def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+@overload(terms_at, jit_options={"error_model": "numpy"})
+def _terms_at(errors, response):  # type: ignore[no-untyped-def]
     if not _is_perspective(response):
         return None
 
-    def levelled(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+    def numbers(errors, response):  # type: ignore[no-untyped-def]
         eye, axis = response.eye, response.axis
+        roll, pitch = (math.cos(errors[0]), math.sin(errors[0])), (math.cos(errors[1]), math.sin(errors[1]))
+        return PerspectiveTerms(
+            (eye[0], eye[1], eye[2]), (axis[0], axis[1], axis[2]), response.fisheye, ahead(axis), roll, pitch,
+            errors[2], errors[3],
+        )  # fmt: skip
+
+    return numbers
+
+
+@overload(place, jit_options={"error_model": "numpy"})
+def _place(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
+    if not _is_perspective(terms):
+        return None
+
+    def levelled(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
+        eye, axis = terms.eye, terms.axis
         x, y, h = x - eye[0], y - eye[1], eye[2]
         along = x * axis[0] + y * axis[1] - h * axis[2]
-        if response.fisheye:
-            x, y = scaled_angle(x, y, errors[3], h, axis)
+        if terms.fisheye:
+            x, y = scaled_angle(x, y, terms.focal_ratio, h, axis)
         elif along > 0.0:
-            wide = 1.0 + errors[3]
-            bent = along * errors[3]
+            wide = 1.0 + terms.focal_ratio
+            bent = along * terms.focal_ratio
             down = (h * wide + axis[2] * bent) / h
             x, y = (x * wide - axis[0] * bent) / down, (y * wide - axis[1] * bent) / down
-        ax, ay = ahead(axis)
+        ax, ay = terms.ahead
         x, y = ax * x + ay * y, ax * y - ay * x
-        c, s = math.cos(errors[1]), math.sin(errors[1])
+        c, s = terms.pitch
         depth = h * c + x * s
         x, y = (x * c - h * s) * h / depth, y * h / depth
-        c, s = math.cos(errors[0]), math.sin(errors[0])
+        c, s = terms.roll
         depth = h * c - y * s
-        stretch = (1.0 + errors[2]) * h / depth
+        stretch = (1.0 + terms.height_ratio) * h / depth
         x, y = x * stretch, (y * c + h * s) * stretch
         return ax * x - ay * y + eye[0], ay * x + ax * y + eye[1]
 
@@ -125,22 +156,22 @@ def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
 
 
 @overload(fill_rows, jit_options={"error_model": "numpy"})
-def _fill_rows(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
-    if not _is_perspective(response):
+def _fill_rows(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
+    if not _is_perspective(terms):
         return None
 
-    def columns(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
-        eye, axis = response.eye, response.axis
+    def columns(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
+        eye, axis = terms.eye, terms.axis
         placed = points[1]
         rx, ry = normal
         x, y, h = placed[0] - eye[0], placed[1] - eye[1], eye[2]
-        ax, ay = ahead(axis)
+        ax, ay = terms.ahead
         u, v, ru, rv = ax * x + ay * y, ax * y - ay * x, ax * rx + ay * ry, ax * ry - ay * rx
         rows[3, row] = (ru * u * v + rv * (h * h + v * v)) / h
         rows[4, row] = -(ru * (h * h + u * u) + rv * u * v) / h
         rows[5, row] = rx * x + ry * y
         along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
-        if response.fisheye:
+        if terms.fisheye:
             along = angle_stretch(x, y, h, axis)
         rows[6, row] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
 

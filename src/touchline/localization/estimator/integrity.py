@@ -78,7 +78,7 @@ class Integrity:
 
     def __init__(self, registration: Registration, field: FieldModel) -> None:
         self._registration = registration
-        self._reach_m = 0.5 * np.array([field.length, field.width]) + field.border + OUTSIDE_M
+        self._reach_m = tuple(0.5 * side + field.border + OUTSIDE_M for side in (field.length, field.width))
         self._field = field
         self.motion = VisualMotion(registration)
         self.relation = MotionRelation()
@@ -215,12 +215,11 @@ class Integrity:
         self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
-        errors, prior = best.filter.errors, best.filter.initial.errors
-        self._error_z = (
-            float(np.max(np.abs(errors) / np.sqrt(np.maximum(np.diag(prior), 1e-12)))) if len(errors) else 0.0
-        )
-        at = np.abs(best.filter.pose.as_array()[:2])
-        self._outside_m = float(max(np.max(at - self._reach_m) + OUTSIDE_M, 0.0))
+        variances = np.diagonal(best.filter.initial.errors).tolist()
+        errors = zip(best.filter.errors.tolist(), variances, strict=True)  # plain floats: NumPy takes longer for five
+        self._error_z = max((abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors), default=0.0)
+        (x, y, _), (reach_x, reach_y) = best.filter.pose, self._reach_m
+        self._outside_m = max(max(abs(x) - reach_x, abs(y) - reach_y) + OUTSIDE_M, 0.0)
         self._take_repetition(stamp_ns, image, last, history)
         self._judge()
         if self.lag_s and self.relation.refutes_lag(self.lag_s):

@@ -10,6 +10,7 @@ import numpy as np
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.estimator.bank import Image
 from touchline.localization.registration.attitudes import fit_leaning
+from touchline.localization.registration.covariance import widest_m
 from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import FOLLOWING, UNSETTLED, Registration
@@ -109,6 +110,8 @@ class VisualMotion:
 
 def _told_alone(covariance: FloatArray) -> FloatArray:
     """Of a pose (3, 3), without what was expected of it: along a lone line that is all there is."""
+    if widest_m(covariance) <= MAX_SIGMA_M:  # nearly always
+        return covariance
     variances, axes = np.linalg.eigh(covariance[:2, :2])
     along = axes[:, variances > MAX_SIGMA_M**2]
     told = covariance.copy()

@@ -20,7 +20,7 @@ import numpy as np
 from touchline.field.association import AssociationTables
 from touchline.field.offset_map import OffsetTable, look_up_offset
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.base import fill_rows, place, prepare
+from touchline.localization.camera_errors.base import fill_rows, place, prepare, terms_at
 from touchline.localization.registration.feature_model import PointFeatures, best_place
 from touchline.matrices import applied, inverse, log_determinant
 
@@ -93,28 +93,22 @@ class _Sums(NamedTuple):
     rows: FloatArray
 
 
-class _Errors(NamedTuple):
-    """Of the camera: values (S - 3,), and what `prepare` has made of line points and of features."""
-
-    values: FloatArray
-    of_points: FloatArray
-    of_features: FloatArray
-
-
 # what is counted at the state that is come to
 _EXPLAINED, _OF, _SQUARES, _KEPT, _DISTANCE, _LOG_LIKELIHOOD = range(6)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
 def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type: ignore[no-untyped-def]
-    """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: `_Errors` and its response."""
-    errors, response = camera
+    """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: its `terms_at` the state, and what
+    `prepare` has made of the points.
+    """
+    terms, prepared = camera
     points, c, width2 = seen.positions_m, seen.covariances_m2, width_m * width_m
     distance_row, weight_row = rows.shape[0] - 3, rows.shape[0] - 2
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     for i in range(points.shape[0]):
         px, py = points[i, 0], points[i, 1]
-        bx, by = place(px, py, errors.values, errors.of_points, i, response)
+        bx, by = place(px, py, terms, prepared, i)
         ox, oy = look_up_offset(lines, pose[0] + cosine * bx - sine * by, pose[1] + sine * bx + cosine * by)
         d2 = ox * ox + oy * oy + _TINY2_M2
         distance = math.sqrt(d2)
@@ -126,7 +120,7 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / (px * px + py * py + _MIN_RANGE2_M2)
         spread = rx * rx * c[i, 0, 0] + 2.0 * rx * ry * c[i, 0, 1] + ry * ry * c[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
-        fill_rows(rows, i, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_points, response)
+        fill_rows(rows, i, i, (rx, ry), ((px, py), (bx, by)), terms, prepared)
         rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
@@ -147,14 +141,14 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
 @numba.njit(cache=True, error_model="numpy")
 def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: ignore[no-untyped-def]
     """Rows of crossings and landmarks, each taken for the nearest of its kind; arguments as of `_add_points`."""
-    errors, response = camera
+    terms, prepared = camera
     points, places, first = seen.features, tables.places_m, seen.positions_m.shape[0]
     distance_row, weight_row = rows.shape[0] - 3, rows.shape[0] - 2
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     turned = (pose[0], pose[1], pose[2], cosine, sine)
     for i in range(seen.raw_m.shape[0]):
         px, py = seen.raw_m[i, 0], seen.raw_m[i, 1]
-        bx, by = place(px, py, errors.values, errors.of_features, i, response)
+        bx, by = place(px, py, terms, prepared, i)
         points.positions_m[i, 0], points.positions_m[i, 1] = bx, by
         nearest, least, total = best_place(points, i, tables, False, turned)
         likely, weight, off_x, off_y, w = 0.0, 0.0, 0.0, 0.0, points.own_information[i]
@@ -172,7 +166,7 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
             rx, ry = (l00, l10) if half == 0 else (0.0, math.sqrt(max(w[1, 1] - l10 * l10, 0.0)))
             rows[0, row], rows[1, row] = cosine * rx - sine * ry, sine * rx + cosine * ry
             rows[2, row] = ry * bx - rx * by
-            fill_rows(rows, row, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_features, response)
+            fill_rows(rows, row, i, (rx, ry), ((px, py), (bx, by)), terms, prepared)
             rows[distance_row, row], rows[weight_row, row] = rx * off_x + ry * off_y, weight
         if len(counts) == 0:
             continue
@@ -207,10 +201,7 @@ def _add_up(sums):  # type: ignore[no-untyped-def]
 def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-untyped-def]
     """The `StateFit` that a plan's steps come to from a start (S,)."""
     states, state, counts = len(start), start.copy(), np.zeros(6)
-    errors = _Errors(
-        state[3:], prepare(seen.positions_m, start[3:], response), prepare(seen.raw_m, start[3:], response)
-    )
-    camera = (errors, response)
+    of_points, of_features = prepare(seen.positions_m, start[3:], response), prepare(seen.raw_m, start[3:], response)
     count = seen.positions_m.shape[0] + 2 * seen.raw_m.shape[0]
     sums = _Sums(np.empty((states, states)), np.empty(states), np.empty((states + 3, count)))
     matrix, gradient = sums.information, sums.gradient
@@ -218,8 +209,9 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
         last = k == plan.widths_m.shape[0]
         width_m = 0.0 if last else plan.widths_m[k]
         counted = counts if last else counts[:0]
-        _add_points(seen, ground.lines, state, camera, plan, width_m, sums.rows, counted)
-        _add_features(seen, ground.places, state, camera, width_m, sums.rows, counted)
+        terms = terms_at(state[3:], response)
+        _add_points(seen, ground.lines, state, (terms, of_points), plan, width_m, sums.rows, counted)
+        _add_features(seen, ground.places, state, (terms, of_features), width_m, sums.rows, counted)
         _add_up(sums)
         if last:
             break

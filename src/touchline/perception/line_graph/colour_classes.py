@@ -197,17 +197,29 @@ def count_classes(
         packed[kind] = np.uint64(1) << np.uint64(8 * kind)
     one: Any = np.uint64(1)
     nothing: Any = np.uint64(0)
-    for row in range(counts.shape[1]):
-        for column in range(counts.shape[2]):
-            total = nothing
-            least = white_from[row, column]
-            for v in range(CELL_PX * row, CELL_PX * row + CELL_PX):
-                for u in range(CELL_PX * column, CELL_PX * column + CELL_PX):
-                    b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
-                    code = table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)]
-                    total += packed[code] + (one if code >= least else nothing)
+    rows, columns = counts.shape[1:]
+    totals, entries = np.empty(columns, dtype=np.uint64), np.empty(CELL_PX * columns, dtype=np.uint16)
+    for row in range(rows):
+        totals[:] = nothing
+        for v in range(CELL_PX * row, CELL_PX * row + CELL_PX):
+            _entries(image[v].ravel(), entries)
+            for column in range(columns):
+                total, least, first = totals[column], white_from[row, column], np.uint64(CELL_PX * column)
+                for k in range(CELL_PX):
+                    code = table[np.uint64(entries[first + np.uint64(k)])]  # unsigned: none can count from the end
+                    total += packed[np.uint64(code)] + (one if code >= least else nothing)
+                totals[column] = total
+        for column in range(columns):
             for kind in range(CLASSES):
-                counts[kind, row, column] = (total >> np.uint64(8 * kind)) & np.uint64(255)
+                counts[kind, row, column] = (totals[column] >> np.uint64(8 * kind)) & np.uint64(255)
+
+
+@njit(cache=True)
+def _entries(line: ImageArray, entries: npt.NDArray[np.uint16]) -> None:
+    """Which entry of the table each pixel of a row (3 W,) has, into entries (N,)."""
+    for u in range(len(entries)):
+        b, g, r = np.uint32(line[3 * u]), np.uint32(line[3 * u + 1]), np.uint32(line[3 * u + 2])
+        entries[u] = ((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)
 
 
 @njit(cache=True)
