@@ -431,8 +431,11 @@ class Touchline:
             pose, covariance = held.pose, held.covariance
         bound_m, bound_rad = None, None
         if status is Status.TRACKING:
-            bound_m, bound_rad = self.safeguard.integrity.protection(covariance, self.delay.corrected_s) or (None, None)
-            reason = reason or (self.safeguard.integrity.unbounded if bound_m is None else "")
+            bounds = self.safeguard.integrity.protection(covariance)
+            if bounds is None:
+                status, reason = Status.SEARCHING, self.safeguard.integrity.unbounded
+            else:
+                bound_m, bound_rad = bounds
         return Estimate(
             observation.stamp_ns,
             pose,

@@ -14,10 +14,12 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting, difference
 from touchline.matrices import inverse, times
 from touchline.motion import MotionHistory
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
 AT_FIRST = np.array([0.08, 0.08, 0.08, 0.06])  # their standard deviations, as a robot is built
@@ -31,6 +33,8 @@ MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
 MAX_GAP_S = 4.0  # between images, after which another pose is followed
 FAR = 1.0  # (m, rad) from where the robot was expected: it was found elsewhere
 MAX_TURN, MAX_LATE_M = 0.26, 0.5  # (rad, m) from which a pose is not tracked
+CHANGED_SPEED = 2.5  # standard deviations of the odometry's noise from which a change of speed is one
+COVERED_NS = round(EXTRAPOLATION_S * NANOSECONDS)  # beyond the newest odometry, which still tells it
 SIGMAS = 2.0  # of an error that is found beside its mean
 
 
@@ -90,29 +94,45 @@ class ConstantOffsets:
     """How far a pose may be off by errors that fit every image."""
 
     def __init__(self) -> None:
+        self._late_s = self._clock_s = 0.0
         self.reset()
 
     def reset(self, start: Pose | None = None, covariance: FloatArray = UNKNOWN) -> None:
         """Nothing has been seen: the camera is as well known as one is at first. start: the pose that was given."""
         self._stamp_ns: int | None = None
+        self._waiting: list[Sighting] = []  # for the odometry until then
         self._given = start is not None
         self._velocity: FloatArray = np.zeros(3)
-        self._late_s = 0.0
+        self._newest: FloatArray = np.zeros(3)  # velocity
+        self._newest_ns = 0
         self._begin(np.zeros(3) if start is None else start.as_array(), covariance)
 
     def update(self, sighting: Sighting, history: MotionHistory, steps: StepNoise, late_s: float) -> None:
         """Take a pose by an image alone. steps: noise of the odometry; late_s: as how late images are corrected."""
+        self._state[LATE] -= late_s - self._late_s
         self._late_s = late_s
+        self._waiting.append(sighting._replace(stamp_ns=sighting.stamp_ns - round(late_s * NANOSECONDS)))
+        odometry = history.odometry.samples
+        comes = len(odometry) > 0 and odometry.last_ns != self._newest_ns
+        self._newest_ns = odometry.last_ns if comes else self._newest_ns
+        while self._waiting and not (comes and self._waiting[0].stamp_ns > odometry.last_ns + COVERED_NS):
+            self._take(self._waiting.pop(0), history, steps)
+
+    def _take(self, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> None:
         before_ns, self._stamp_ns = self._stamp_ns, sighting.stamp_ns
         if not len(history.odometry.samples):
             return
-        seconds = math.inf if before_ns is None else 1e-9 * (sighting.stamp_ns - before_ns)
-        if 0.0 < seconds < MAX_GAP_S:
+        seconds = math.inf if before_ns is None else max(1e-9 * (sighting.stamp_ns - before_ns), 0.01)
+        if seconds < MAX_GAP_S:
             assert before_ns is not None
-            motion = history.between(before_ns, sighting.stamp_ns)
+            motion = history.between(before_ns, max(sighting.stamp_ns, before_ns))
             told = motion.pose.as_array()
             noise = steps.of(motion) + np.diag(np.square(SCALE * told))
-            self._velocity = told / seconds
+            change = told / seconds - self._velocity
+            if (change**2 > CHANGED_SPEED**2 * np.diag(noise) / seconds**2).any():  # noise says nothing of a delay
+                late2 = self._joint[LATE, LATE] + self._state[LATE] ** 2  # and so late over a change of speed
+                noise += np.diag(np.square(0.5 * late2 / seconds * change))
+                self._velocity = told / seconds
             followed(self._state, self._joint, told, noise, DRIFT**2 * seconds)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
@@ -126,30 +146,49 @@ class ConstantOffsets:
         self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
         self._joint[:3, :3] = covariance
 
+    def arrive(self, arrivals: Arrivals, odometry: SampleHistory) -> None:
+        """Take how an image has come: where a clock was set it may be stamped later or earlier by that."""
+        self._clock_s = abs(arrivals.off_s)
+        self._newest = odometry.slope(EXTRAPOLATION_S) if len(odometry) else np.zeros(3)
+        if arrivals.change_s:  # the pose has followed since
+            x, y, turn = self._velocity.tolist()
+            cosine, sine = math.cos(self._state[2]), math.sin(self._state[2])
+            along = np.array([cosine * x - sine * y, sine * x + cosine * y, turn, 0.0, 0.0, 0.0, 1.0])
+            before2 = max(self._joint[LATE, LATE], 0.0)
+            self._joint += ((math.sqrt(before2) + abs(arrivals.change_s)) ** 2 - before2) * np.outer(along, along)
+
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
         turn = self._turn_bound
-        late_s = abs(float(self._state[LATE]) - self._late_s) + SIGMAS * math.sqrt(max(self._joint[LATE, LATE], 0.0))
+        late_s = self._late_bound_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
-        if late_s * math.hypot(self._velocity[0], self._velocity[1]) > MAX_LATE_M:
+        if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_TURN:
             return f"images that are stamped {1e3 * late_s:.0f} ms late or early would explain the motion, too"
         return ""
+
+    @property
+    def _late_bound_s(self) -> float:
+        return abs(float(self._state[LATE])) + self._clock_s + SIGMAS * math.sqrt(max(self._joint[LATE, LATE], 0.0))
+
+    @property
+    def _speed(self) -> float:
+        return max(math.hypot(*self._velocity[:2].tolist()), math.hypot(*self._newest[:2].tolist()))
 
     @property
     def _turn_bound(self) -> float:
         turn = abs(wrap_angle(float(self._state[TURNED])))
         return turn + SIGMAS * math.sqrt(max(self._joint[TURNED, TURNED], 0.0))
 
-    def bound(self, late_s: float) -> tuple[float, float, float]:
-        """Of the position (m): the mean of its error, and `SIGMAS` of it; of the heading (rad), both together. late_s:
-        as how late images are corrected.
-        """
+    @property
+    def bound(self) -> tuple[float, float, float]:
+        """Of the position (m): the mean of its error, and `SIGMAS` of it; of the heading (rad), both together."""
         by = np.zeros((2, 7))
         by[0, AHEAD] = by[1, AHEAD + 1] = 1.0
         by[:, LATE] = -self._velocity[:2]
-        x, y = (by @ self._state + late_s * self._velocity[:2]).tolist()
+        x, y = (by @ self._state).tolist()
         (xx, xy), (_, yy) = (by @ self._joint @ by.T).tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-        return math.hypot(x, y), SIGMAS * math.sqrt(major2), self._turn_bound
+        turn = self._turn_bound + self._late_bound_s * abs(float(self._newest[2]))
+        return math.hypot(x, y) + self._clock_s * self._speed, SIGMAS * math.sqrt(major2), turn

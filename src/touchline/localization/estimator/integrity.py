@@ -19,6 +19,7 @@ from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
 from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, STEP_S, Culprit, MotionRelation
+from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
@@ -44,7 +45,8 @@ PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are n
 CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by how much
 VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
-MAX_PROTECTED = 0.85  # statistic from which no bound can be given
+MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
+ALERT_M, ALERT_RAD = 1.0, 0.6  # bound from which a pose is of no use
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 
@@ -82,7 +84,9 @@ class Integrity:
         self._field = field
         self.motion = VisualMotion(registration)
         self.relation = MotionRelation()
+        self.unbounded = ""  # why the newest pose has no bound
         self.offsets = ConstantOffsets()
+        self.arrivals = Arrivals()
         self.reset()
 
     def reset(self, confirmed: bool = False) -> None:
@@ -91,6 +95,7 @@ class Integrity:
         self.motion.reset()
         self.relation.reset()
         self.offsets.reset()
+        self.arrivals.reset()
         self.verdict = ALL_WELL
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
@@ -161,33 +166,34 @@ class Integrity:
             "repetition": self._repeated_s / REPEATED_S,
         }
 
-    @property
-    def unbounded(self) -> str:
-        """Why no bound is given of a pose that is tracked."""
-        others = {name: value for name, value in self.statistics.items() if name != CAMERA}
-        worst = max(others, key=lambda name: others[name], default="")
-        return f"no bound can be given: {worst or 'nothing'} is {100.0 * others.get(worst, 0.0):.0f} % of an alarm"
-
-    def protection(self, covariance: FloatArray, late_s: float) -> tuple[float, float] | None:
-        """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none can
-        be given. covariance (3, 3): of the pose; late_s: as how late images are corrected.
+    def protection(self, covariance: FloatArray) -> tuple[float, float] | None:
+        """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none of
+        use can be given, `unbounded` says why, and the pose is not tracked. covariance (3, 3): of the pose.
         """
         # by vision alone the motion's statistics tell of the odometry, which does not count
         beside = (CAMERA,) if self.verdict.odometry else (CAMERA, *self.relation.statistics)
-        others = [value for name, value in self.statistics.items() if name not in beside]
-        if max(others, default=0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
+        others = {name: value for name, value in self.statistics.items() if name not in beside}
+        images = {name: value for name, value in others.items() if name not in self.relation.statistics}
+        name = max(images, key=lambda each: images[each], default="")
+        if images.get(name, 0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
+            self.unbounded = f"no bound can be given: {name or 'nothing'} is {100.0 * images.get(name, 0.0):.0f} % of an alarm"
             return None
-        worst = max(*others, self.statistics.get(CAMERA, 0.0), 0.0 if self.verdict.odometry else VISION_ALONE)
+        worst = max(*others.values(), self.statistics.get(CAMERA, 0.0), 0.0 if self.verdict.odometry else VISION_ALONE)
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-        mean_m, deviation_m, turn = self.offsets.bound(late_s)
+        mean_m, deviation_m, turn = self.offsets.bound
         position_m = math.hypot(wider * math.sqrt(major2), deviation_m) + max(mean_m, PROTECTION_M)
-        return position_m, wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
+        heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
+        if position_m > ALERT_M or heading_rad > ALERT_RAD:
+            self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
+            return None
+        return position_m, heading_rad
 
     def excuse(self) -> None:
         """What explains everything is corrected: begin anew."""
         self.relation.reset()
+        self.offsets.reset()
         self.verdict, self.lag_s = ALL_WELL, 0.0
 
     def update(
@@ -211,6 +217,8 @@ class Integrity:
                 self.offsets.update(sighting, history, bank.steps, late_s)
             else:  # what a wrong odometry told of the camera says nothing
                 self.offsets.reset()
+        self.arrivals.update(stamp_ns, history.odometry.samples)
+        self.offsets.arrive(self.arrivals, history.odometry.samples)
         self._confirm(jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)

@@ -8,6 +8,10 @@ to correct them would take the motion after the stamp, which is unknown yet.
 
 from __future__ import annotations
 
+import math
+
+from touchline.motion.samples import NANOSECONDS, SampleHistory
+
 INITIAL_DEVIATION_S = 0.06  # standard deviation of the delay, at first
 MIN_S = 0.012  # that is corrected: 4 cm at 3 m/s
 ACCEPTED = 4.0  # z-score above which a delay is accepted
@@ -15,6 +19,8 @@ MIN_IMAGES = 5  # in a row
 REJECTED = 2.0  # z-score below which, or less than half of MIN_S, it is none after all
 WANDERING_S = 0.01  # standard deviation of stamps on arrival about their mean: drivers, buses, other processes
 REPORTED_EVERY = 200  # images
+USUAL_AHEAD_S = 0.1  # of an image's stamp before that of the newest odometry which comes with it: more is another clock
+CLOCK_S, CLOCK_IMAGES = 0.03, 3  # change of that which shows a clock that was set, and for how many images it lasts
 NOT_CORRECTED = "not corrected, for where the head was then is not told; at least so much"
 
 
@@ -68,3 +74,38 @@ class StampDelay:
         self._since_reported = 0
         what = "corrected" if correctable else NOT_CORRECTED
         return f"images are stamped {1e3 * estimated_s:.0f} ± {1e3 * deviation_s:.0f} ms too late: {what}"
+
+
+class Arrivals:
+    """Whether images are stamped as long after the odometry that comes with them as usual; if not, a clock was set, or
+    runs otherwise. `off_s`: by how much the newest image is; `change_s`: with this image, what has lasted and is usual
+    from now on.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is usual yet."""
+        self.off_s, self.change_s, self._usual_s, self._newest_ns = 0.0, 0.0, math.nan, 0
+        self._changes_s: list[float] = []
+
+    def update(self, stamp_ns: int, odometry: SampleHistory) -> None:
+        """Take the stamp of an image after the samples that came with it."""
+        self.change_s = 0.0
+        if not len(odometry) or odometry.last_ns == self._newest_ns:
+            return
+        self._newest_ns = odometry.last_ns
+        ahead_s = (stamp_ns - odometry.last_ns) / NANOSECONDS
+        if math.isnan(self._usual_s):
+            self._usual_s = min(ahead_s, USUAL_AHEAD_S)
+        self.off_s = ahead_s - self._usual_s
+        if abs(self.off_s) < CLOCK_S:
+            self.off_s, self._changes_s = 0.0, []
+            return
+        self._changes_s = [*self._changes_s[1 - CLOCK_IMAGES :], self.off_s]
+        nearest_s = min(self._changes_s, key=abs)
+        lasts = len(self._changes_s) == CLOCK_IMAGES and abs(sum(self._changes_s)) == sum(map(abs, self._changes_s))
+        if lasts:
+            self._usual_s, self.off_s, self._changes_s = self._usual_s + nearest_s, self.off_s - nearest_s, []
+            self.change_s = nearest_s
