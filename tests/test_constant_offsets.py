@@ -9,15 +9,19 @@ import pytest
 
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.constant_offsets import AT_FIRST, SIGMAS, ConstantOffsets
+from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
 from touchline.motion import MotionHistory
+from touchline.motion.samples import SampleHistory
 from touchline.types import Frame, Samples
 
 RATE_HZ, SECONDS = 10.0, 8.0
 
 
-def driven(offset: Pose, late_s: float = 0.0, turns: bool = True, speed_m_s: float = 1.0) -> ConstantOffsets:
+def driven(
+    offset: Pose, late_s: float = 0.0, turns: bool = True, speed_m_s: float = 1.0, corrected_s: float = 0.0
+) -> ConstantOffsets:
     """Drive with changing speed and turns; each image shows the robot's pose composed with an offset."""
     rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
     offsets.reset()
@@ -35,30 +39,40 @@ def driven(offset: Pose, late_s: float = 0.0, turns: bool = True, speed_m_s: flo
         seen: FloatArray = pose_at(seconds + 1.0 - late_s).compose(offset).as_array() + rng.normal(0, 0.005, 3)
         covariance = np.diag(np.square([0.01, 0.01, 0.005]))
         sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k == 0)
-        offsets.update(sighting, history, StepNoise(walks=False), 0.0)
+        offsets.update(sighting, history, StepNoise(walks=False), corrected_s)
     return offsets
 
 
 @pytest.mark.parametrize("turn_deg", [-5.0, 2.0])
 def test_a_turned_camera_is_within_the_bound_and_the_bound_is_tight(turn_deg: float) -> None:
-    turn = driven(Pose(0.0, 0.0, math.radians(turn_deg))).bound(0.0)[2]
+    turn = driven(Pose(0.0, 0.0, math.radians(turn_deg))).bound[2]
     assert math.radians(abs(turn_deg)) < turn < math.radians(abs(turn_deg) + 3.0)
 
 
 def test_a_displaced_camera_is_found_in_turns() -> None:
-    mean_m, more_m, _ = driven(Pose(0.3, 0.0, 0.0)).bound(0.0)
+    mean_m, more_m, _ = driven(Pose(0.3, 0.0, 0.0)).bound
     assert mean_m == pytest.approx(0.3, abs=0.05)
     assert more_m < 0.06
 
 
 def test_what_only_turns_show_stays_unknown_without_them() -> None:
-    assert driven(Pose(0.0, 0.0, 0.0), turns=False).bound(0.0)[1] > 0.95 * SIGMAS * AT_FIRST[1]
-    assert driven(Pose(0.0, 0.0, 0.0), turns=True).bound(0.0)[1] < 0.5 * SIGMAS * AT_FIRST[1]
+    assert driven(Pose(0.0, 0.0, 0.0), turns=False).bound[1] > 0.95 * SIGMAS * AT_FIRST[1]
+    assert driven(Pose(0.0, 0.0, 0.0), turns=True).bound[1] < 0.5 * SIGMAS * AT_FIRST[1]
 
 
 def test_late_images_are_within_the_bound_unless_they_are_corrected() -> None:
-    late = driven(Pose(0.0, 0.0, 0.0), late_s=0.1, speed_m_s=2.0)
-    assert late.bound(0.0)[0] > late.bound(0.1)[0] + 0.05
+    late, mended = (driven(Pose(0.0, 0.0, 0.0), 0.1, speed_m_s=2.0, corrected_s=s) for s in (0.0, 0.1))
+    assert late.bound[0] > mended.bound[0] + 0.05
+
+
+def test_a_camera_whose_clock_is_set_while_it_drives_straight_on_is_in_doubt_until_its_speed_changes() -> None:
+    arrivals, odometry = Arrivals(), SampleHistory(columns=3)
+    offsets = driven(Pose(0.0, 0.0, 0.0), speed_m_s=2.0)
+    for k in range(6):
+        odometry.append(10**8 * (k + 1), [0.2 * k, 0.0, 0.0])
+        arrivals.update(10**8 * (k + 1) + (300_000_000 if k > 1 else 0), odometry)
+        offsets.arrive(arrivals, odometry)
+        assert ("stamped" in offsets.doubt) == (k > 1), k
 
 
 def test_images_that_are_turned_far_are_in_doubt() -> None:

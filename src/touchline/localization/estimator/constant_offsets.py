@@ -32,7 +32,8 @@ CHANGED = 0.16  # share of its square that these may be: a shove is likelier, bu
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
 MAX_GAP_S = 4.0  # between images, after which another pose is followed
 FAR = 1.0  # (m, rad) from where the robot was expected: it was found elsewhere
-MAX_TURN, MAX_LATE_M = 0.26, 0.5  # (rad, m) from which a pose is not tracked
+MAX_TURN, MAX_LATE_M, MAX_LATE_RAD = 0.26, 0.5, 0.5  # (rad, m, rad) from which a pose is not tracked
+MAX_VARIANCE_M2 = 1.0  # of a pose by an image that tells where the robot is
 CHANGED_SPEED = 2.5  # standard deviations of the odometry's noise from which a change of speed is one
 COVERED_NS = round(EXTRAPOLATION_S * NANOSECONDS)  # beyond the newest odometry, which still tells it
 SIGMAS = 2.0  # of an error that is found beside its mean
@@ -138,6 +139,8 @@ class ConstantOffsets:
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
             self._begin(sighting.pose, UNKNOWN)  # found elsewhere: that may be by any of the errors
+        if float(np.trace(sighting.covariance[:2, :2])) > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
+            return
         self._given = False
         corrected(self._state, self._joint, sighting.pose, sighting.covariance + VISION, self._velocity)
 
@@ -164,7 +167,7 @@ class ConstantOffsets:
         late_s = self._late_bound_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
-        if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_TURN:
+        if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
             return f"images that are stamped {1e3 * late_s:.0f} ms late or early would explain the motion, too"
         return ""
 
@@ -190,5 +193,5 @@ class ConstantOffsets:
         x, y = (by @ self._state).tolist()
         (xx, xy), (_, yy) = (by @ self._joint @ by.T).tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-        turn = self._turn_bound + self._late_bound_s * abs(float(self._newest[2]))
+        turn = self._turn_bound + self._clock_s * abs(float(self._newest[2]))
         return math.hypot(x, y) + self._clock_s * self._speed, SIGMAS * math.sqrt(major2), turn

@@ -174,9 +174,9 @@ class Integrity:
         beside = (CAMERA,) if self.verdict.odometry else (CAMERA, *self.relation.statistics)
         others = {name: value for name, value in self.statistics.items() if name not in beside}
         images = {name: value for name, value in others.items() if name not in self.relation.statistics}
-        name = max(images, key=lambda each: images[each], default="")
-        if images.get(name, 0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
-            self.unbounded = f"no bound can be given: {name or 'nothing'} is {100.0 * images.get(name, 0.0):.0f} % of an alarm"
+        if max(images.values(), default=0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
+            name, value = max(images.items(), key=lambda each: each[1], default=("nothing", 0.0))
+            self.unbounded = f"no bound can be given: {name} is {100.0 * value:.0f} % of an alarm"
             return None
         worst = max(*others.values(), self.statistics.get(CAMERA, 0.0), 0.0 if self.verdict.odometry else VISION_ALONE)
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
