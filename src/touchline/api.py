@@ -40,7 +40,7 @@ from touchline.systems import (
 from touchline.systems.nimbro_lines import CAMERA_HEIGHT_M
 from touchline.types import Prior, Status
 from touchline.view.belief import particles_of
-from touchline.view.thumbnails import thumbnails
+from touchline.view.run_pictures import thumbnails
 
 _START_MARGIN_M = 3.0  # a robot may well start beside the field
 _NO_IMAGE = (

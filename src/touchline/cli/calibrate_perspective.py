@@ -38,7 +38,7 @@ def calibrate_camera(
     from touchline.calibration import perspective
     from touchline.calibration.marks import MARKS, first_image, read_marks
     from touchline.sources import open_source
-    from touchline.view.perspective_calibration import marks_picture
+    from touchline.view.calibration import marks_picture
 
     recording = open_source(source, follow_links) if source.is_dir() else None
     if recording is not None and not (recording.folder / MARKS).exists():
@@ -95,7 +95,7 @@ def calibrate_imu(
     from touchline.calibration.perspective import perspective_yaml
     from touchline.camera import PinholeCamera, open_camera
     from touchline.sources import open_source
-    from touchline.view.perspective_calibration import wander_picture
+    from touchline.view.calibration import wander_picture
 
     source = open_source(recording, follow_links)
     before = source.camera if camera is None else open_camera(camera)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from touchline.cli.console import output, plain_table, say, steps_shown
+from touchline.cli.console import plain_table, print_json, say, steps_shown, wide_output
 from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
 from touchline.messages import counted
 
@@ -42,13 +43,10 @@ def check(
     findings = _check_with_progress(source)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
     worst_first = tuple(reversed(counts.items()))
-    console = output()
     if json:
-        typer.echo(_as_json(source.name, findings, counts))
+        print_json({"recording": source.name, "counts": counts, "findings": [asdict(one) for one in findings]})
     else:
-        if not console.is_terminal:
-            console.width = _PIPE_WIDTH  # one line for each finding, for grep
-        console.print(_table(findings), soft_wrap=False)
+        wide_output(_PIPE_WIDTH).print(_table(findings), soft_wrap=False)
         words = ", ".join(f"{count} ok" if name == "ok" else counted(count, name) for name, count in worst_first)
         say(f"{source.name}: {counted(len(source), 'image')}, {words}")
     if counts["error"]:
@@ -71,11 +69,3 @@ def _table(findings: list[Finding]) -> Table:
     table = plain_table(*titles, rows=rows, numbers_from=None, overflow="fold")
     table.columns[0].no_wrap = True
     return table
-
-
-def _as_json(name: str, findings: list[Finding], counts: dict[str, int]) -> str:
-    import json
-    from dataclasses import asdict
-
-    tree = {"recording": name, "counts": counts, "findings": [asdict(finding) for finding in findings]}
-    return json.dumps(tree, indent=2, ensure_ascii=False)

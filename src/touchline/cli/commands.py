@@ -11,7 +11,6 @@ from touchline.cli import (
     bench,
     calibrate,
     check,
-    compare,
     convert,
     evaluate,
     experiment,
@@ -40,7 +39,7 @@ app.command("demo")(run.demo)
 app.command("run", cls=ViewCommand)(run.run)
 app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
-app.command("compare")(compare.compare)
+app.command("compare")(evaluate.compare)
 app.command("check")(check.check)
 app.command("view", cls=ViewCommand)(view.view)
 app.command("mark")(mark.mark)

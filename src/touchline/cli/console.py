@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
+import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import ErrorTable
 
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
-_MIN_COLUMNS, _USUAL_COLUMNS = 20, 80  # columns of a terminal
+_MIN_COLUMNS, _USUAL_COLUMNS, _PIPE_WIDTH = 20, 80, 200  # columns of a terminal
 
 
 class _Output(Console):
@@ -32,6 +34,19 @@ def output() -> Console:
     if console.width < _MIN_COLUMNS:  # COLUMNS=0, as some services have it, left tables without columns
         console.width = _USUAL_COLUMNS
     return console
+
+
+def wide_output(width: int = _PIPE_WIDTH) -> Console:
+    """The same; where it is no terminal, so wide that each row of a table is one line, for grep."""
+    console = output()
+    if not console.is_terminal:
+        console.width = width
+    return console
+
+
+def print_json(tree: Any) -> None:
+    """A result for programs."""
+    typer.echo(json.dumps(tree, indent=2, ensure_ascii=False))
 
 
 def say(*lines: str, style: str | None = None) -> None:

@@ -1,14 +1,20 @@
-"""`touchline evaluate`: the error table of a run."""
+"""`touchline evaluate`, `touchline compare`: the error table of a run; runs of one recording side by side."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 
-from touchline.cli.console import print_errors, warn
+from touchline.cli.console import output as console
+from touchline.cli.console import plain_table, print_errors, warn
 from touchline.cli.options import FollowLinks
+from touchline.files.new import check_new_file, write_new_file
+
+if TYPE_CHECKING:
+    from touchline.evaluation.compare import Comparison
 
 
 def evaluate(
@@ -24,3 +30,49 @@ def evaluate(
     if run.is_dir() and (incomplete := Run(run).incomplete):
         warn(f"warning: {run}: {incomplete}")
     print_errors(errors_of(run, truth, skip, follow_links))
+
+
+# --- compare ----------------------------------------------------------------------------------------------------------
+
+
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of two to six runs.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="PAGE.html", help="A new page with paths and curves.")
+    ] = None,
+) -> None:
+    """Put runs of one recording side by side: errors, what differs in their settings, where they part.
+
+    touchline compare runs/match-1 runs/match-2 -o compared.html
+    """
+    from touchline.evaluation.compare import compare as compared_runs
+
+    if output is not None:
+        check_new_file(output, (".html", ".htm"), "a page")
+    compared = compared_runs(runs)
+    from touchline.evaluation.compare_page import comparison_page, parting_lines
+
+    out = console()
+    out.print(_figures(compared), soft_wrap=False)
+    if compared.why_no_truth:
+        out.print(f"no errors: {compared.why_no_truth}", style="dim")
+    out.print(_differences(compared), soft_wrap=False)
+    for line in parting_lines(compared):
+        out.print(line)
+    if output is not None:
+        write_new_file(output, comparison_page(compared).encode(errors="replace"))
+        out.print(f"page: {output}")
+
+
+def _figures(compared: Comparison) -> Table:
+    from touchline.evaluation.compare import COLUMNS, UNITS
+
+    titles = (f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True))
+    return plain_table("run", *titles, rows=((name, *values) for name, values in compared.figures()), overflow="fold")
+
+
+def _differences(compared: Comparison) -> Table | str:
+    rows = [(key, *values) for key, values in compared.differing_settings()]
+    if not rows:
+        return "settings, seeds and versions are the same"
+    return plain_table("what differs", *(one.name for one in compared.runs), rows=rows, overflow="fold")

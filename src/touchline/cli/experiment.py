@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
-from touchline.cli.console import errors_console, plain_table, say
-from touchline.cli.console import output as console
-from touchline.cli.workers import DaskAddress, WorkerCount
+from touchline.cli.console import errors_console, plain_table, say, wide_output
+from touchline.cli.options import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
-_WIDTH = 200  # where it is no terminal: pages of results are read from files, too
 _LINE_EVERY_S = 10.0
 NOTHING = "(?!)"  # a regular expression that matches nothing
 
@@ -64,9 +61,7 @@ def experiment(
             result = _run(chosen, seeds, hands, (output, NOTHING if draw else part))
             files = write_result(result, output, list(EXPERIMENTS))
             say(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
-            terminal = console()
-            wide = terminal if terminal.is_terminal else Console(highlight=False, width=_WIDTH)
-            wide.print(plain_table(*result.columns, rows=result.rows, no_wrap=True), soft_wrap=False)
+            wide_output().print(plain_table(*result.columns, rows=result.rows, no_wrap=True), soft_wrap=False)
             say(*result.notes, style="dim")
             say(f"written: {', '.join(str(path) for path in files)}\n")
 

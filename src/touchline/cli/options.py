@@ -88,3 +88,11 @@ def turn_in_rad(angle: float, option: str) -> float:
     if not abs(angle) <= 2.0 * math.pi:
         raise InputError(f"{option} {angle:g}: is more than a full turn; an angle in rad is expected (90° are 1.5708)")
     return angle
+
+
+WorkerCount = Annotated[
+    int, typer.Option("--workers", min=1, metavar="N", help="So many processes; the numbers are the same.")
+]
+DaskAddress = Annotated[
+    str | None, typer.Option("--dask", metavar="ADDRESS", help="On a Dask cluster (tcp://HOST:PORT; extra tune).")
+]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.cli.console import announce_compiling, errors_console, output, plain_table, say
-from touchline.cli.workers import DaskAddress, WorkerCount
+from touchline.cli.options import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
 if TYPE_CHECKING:

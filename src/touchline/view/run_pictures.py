@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import cv2
+
 from touchline.evaluation.report import Picture
-from touchline.evaluation.runner import KeptFrame, RunTally
+from touchline.evaluation.runner import KeptFrame, RunTally, Thumbnails
 from touchline.evaluation.tum import pose_text
 from touchline.messages import counted
 from touchline.motion.attitude import view_at
 from touchline.sources import Recording
 from touchline.systems import LocalizationSystem
-from touchline.types import ImageArray, Status
+from touchline.types import Estimate, Frame, ImageArray, Status
 from touchline.view.belief import belief_of, belief_picture
 from touchline.view.overlay import overlay_image
 
@@ -42,3 +44,25 @@ def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: Loc
     caption = f"{counted(len(kept.particles), 'particle')}; discs: what this image alone says, larger where likelier"
     drawn = belief_picture(source.field, belief, kept.particles, estimate)
     return [*pictures, Picture(title, caption, drawn)]
+
+
+_WIDTH_PX, _JPEG_QUALITY = 320, 70
+
+
+def thumbnails(source: Recording) -> Thumbnails:
+    """What draws small pictures of a recording's frames: the image, what was seen, field lines where tracked."""
+
+    def draw(frame: Frame, estimate: Estimate, lean: tuple[float, float] | None) -> bytes | None:
+        if frame.image is None:
+            return None
+        field = source.field if estimate.status is Status.TRACKING else None
+        view = view_at(source.camera, frame, lean)
+        drawn = overlay_image(frame.image, view, field, estimate.pose, estimate.observation, 1)
+        height, width = frame.image.shape[:2]
+        scale = min(1.0, _WIDTH_PX / width)
+        size = (max(1, round(scale * width)), max(1, round(scale * height)))
+        small = cv2.resize(drawn[:height], size, interpolation=cv2.INTER_AREA)  # without the legend below
+        done, code = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        return code.tobytes() if done else None
+
+    return draw

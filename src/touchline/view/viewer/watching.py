@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from touchline.systems.iris_fusion import IrisFusion
 from touchline.systems.nimbro_lines import NimbroLines
 from touchline.systems.nubot_mcl import NubotMcl
 from touchline.systems.nubot_mcl_alone import NubotMclAlone
-from touchline.types import Estimate, Status
+from touchline.types import Estimate, Frame, Status
 from touchline.view.viewer.run_view import RunView, TrueAt
 
 _WITH_PARTICLES = NimbroLines | IrisFusion | NubotMcl | NubotMclAlone
@@ -78,3 +80,37 @@ def _truth_of(source: Recording) -> TrueAt | None:
         return truth[index] if index >= 0 else None
 
     return true_at
+
+
+class LatestShown:
+    """Hands frames to what shows them. While it is busy with one, only the latest of those that come waits."""
+
+    def __init__(self, show: Callable[[Frame, Estimate], None]) -> None:
+        self._show = show
+        self._waiting: tuple[Frame, Estimate] | None = None
+        self._ended = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._work, name="show", daemon=True)
+        self._thread.start()
+
+    def take(self, frame: Frame, estimate: Estimate) -> None:
+        """Show it as soon as there is time, unless another one comes before."""
+        with self._changed:
+            self._waiting = frame, estimate
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Show what waits, and end."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._ended or self._waiting is not None)
+                taken, self._waiting = self._waiting, None
+            if taken is None:
+                return
+            self._show(*taken)
