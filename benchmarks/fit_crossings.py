@@ -21,8 +21,7 @@ from fit_observation_level import detected, minimised
 from touchline.field import Crossing, FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.observation.feature_noise import FeatureNoise
-from touchline.simulation.observation.feature_view import Looking
-from touchline.simulation.observation.features import ObservedFeatures
+from touchline.simulation.observation.features import Looking, ObservedFeatures
 from touchline.simulation.observation.observed_lines import occluders
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

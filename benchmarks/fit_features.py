@@ -24,8 +24,7 @@ from touchline.camera import GroundView, PinholeCamera, leaning
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
-from touchline.simulation.observation.feature_view import Looking
-from touchline.simulation.observation.features import ObservedFeatures
+from touchline.simulation.observation.features import Looking, ObservedFeatures
 from touchline.simulation.observation.observed_lines import occluders
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

@@ -17,8 +17,7 @@ import pytest
 from fakes import FakeSource, FakeSystem, WatchedSystem, true_samples, write_recording
 from test_compare import Shifted, made
 
-from touchline.evaluation.compare import compare
-from touchline.evaluation.compare_page import comparison_page
+from touchline.evaluation.compare import compare, comparison_page
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.report import write_report

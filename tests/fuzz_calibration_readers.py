@@ -26,8 +26,7 @@ from touchline.camera import PinholeCamera, open_camera
 from touchline.field import open_field
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.sources import BagOptions, open_source
-from touchline.sources.loose import LooseOptions, open_loose
-from touchline.sources.odometry_csv import odometry_rows, parse_columns
+from touchline.sources.loose import LooseOptions, odometry_rows, open_loose, parse_columns
 from touchline.sources.to_folder import write_folder
 
 DATA = Path(__file__).parent / "data"

@@ -13,8 +13,7 @@ from fakes import FakeSource, FakeSystem, write_recording
 
 from touchline.cli import main
 from touchline.errors import InputError
-from touchline.evaluation.compare import compare
-from touchline.evaluation.compare_page import comparison_page, parting_lines
+from touchline.evaluation.compare import compare, comparison_page, parting_lines
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
 from touchline.geometry import Pose

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
+from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points
 from touchline.experiments.drives import Drive, Track, drive_of
 from touchline.experiments.harness import write_result
 from touchline.experiments.injections import covered, gyro_drifting, slipped
@@ -131,21 +131,21 @@ def test_without_the_recording_the_simulated_table_stands_alone(
 
 def test_figure_16_holds_three_tracks(toured: IrisDrive, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(iris_points, "tour", lambda *_: toured)
-    found = iris_tracks.iris_tracks(1)
+    found = iris_points.iris_tracks(1)
     assert [row[0] for row in found.rows] == [*SYSTEMS, "sensor fusion, on images"]
     assert len(found.pictures[0][1].axes) == 3
 
 
 def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered(monkeypatch: pytest.MonkeyPatch) -> None:
-    driven = iris_tracks.from_a_to_b(0, "points", IDEAL)
+    driven = iris_points.from_a_to_b(0, "points", IDEAL)
     hidden = ~driven.seen
-    seconds = sum(duration for _, duration in iris_tracks.HIDDEN_S)
+    seconds = sum(duration for _, duration in iris_points.HIDDEN_S)
     assert np.count_nonzero(hidden) == pytest.approx(10 * seconds, abs=1)
     alone = np.array([mode is Mode.ODOMETRY for mode in driven.modes])
     assert np.array_equal(alone, hidden)
     assert driven.fused.distances_m.max() < 0.074
-    monkeypatch.setattr(iris_tracks, "from_a_to_b", lambda *_: driven)
-    found = iris_tracks.iris_track(1)
+    monkeypatch.setattr(iris_points, "from_a_to_b", lambda *_: driven)
+    found = iris_points.iris_track(1)
     assert [row[0] for row in found.rows] == [mode.value for mode in Mode]
 
 
@@ -237,8 +237,8 @@ def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
     def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> IrisDrive:
         return toured if level == "images" or changes or paper or seed not in missed else blind(seed)
 
-    for module, name in ((iris_points, "tour"), (iris_tracks, "from_a_to_b")):
-        monkeypatch.setattr(module, name, tour)
+    for name in ("tour", "from_a_to_b"):
+        monkeypatch.setattr(iris_points, name, tour)
     monkeypatch.setattr(iris_points, "recorded_tour", lambda seed: None)
     lone = len(missed) == 1
     for name, count in (("iris-points", 11), ("iris-tracks", 8), ("iris-track", 7)):

@@ -11,7 +11,7 @@ import pytest
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.sources import open_source
-from touchline.sources.odometry_csv import odometry_rows, parse_columns
+from touchline.sources.loose import odometry_rows, parse_columns
 
 FIELD = ("--field", "spl-9x6")
 

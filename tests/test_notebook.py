@@ -15,7 +15,7 @@ from fakes import FakeSource, FakeSystem, true_samples, write_recording
 import touchline
 from touchline.errors import InputError
 from touchline.evaluation import Run
-from touchline.evaluation.notebook import path_picture
+from touchline.evaluation.run import path_picture
 from touchline.evaluation.run_data import carried_rows
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames

@@ -50,7 +50,7 @@ def compare(
     if output is not None:
         check_new_file(output, (".html", ".htm"), "a page")
     compared = compared_runs(runs)
-    from touchline.evaluation.compare_page import comparison_page, parting_lines
+    from touchline.evaluation.compare import comparison_page, parting_lines
 
     out = console()
     out.print(_figures(compared), soft_wrap=False)

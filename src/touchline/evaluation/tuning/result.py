@@ -18,8 +18,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from touchline.config import leaves, settings_tree, tree_of
 from touchline.evaluation.tuning.search import Search, best_of
-from touchline.evaluation.tuning.space import Dimension, value_at
-from touchline.evaluation.tuning.trial import Score, Task, Trial, mean_score, score_of, settings_of
+from touchline.evaluation.tuning.trial import Dimension, Score, Task, Trial, mean_score, score_of, settings_of, value_at
 from touchline.evaluation.workers import Workers
 from touchline.files.new import replace_file
 from touchline.palette import BLUE, ORANGE, VERMILLION

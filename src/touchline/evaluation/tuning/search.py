@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from touchline.errors import InputError
-from touchline.evaluation.tuning.space import Dimension
-from touchline.evaluation.tuning.trial import Score, Task, Trial, score_of
+from touchline.evaluation.tuning.trial import Dimension, Score, Task, Trial, score_of
 from touchline.evaluation.workers import Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
