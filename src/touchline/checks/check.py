@@ -3,8 +3,6 @@
 A check is a function from a `Survey` to findings. Another one joins by standing in CHECKS.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A check by the monitor of our own system: which sensor contradicts the others, or the field, while it runs."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import islice

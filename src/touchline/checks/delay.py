@@ -5,8 +5,6 @@ another place; whenever the robot starts, stops or turns, it can. The poses must
 follow the odometry that it is given.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

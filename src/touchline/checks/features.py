@@ -1,7 +1,5 @@
 """A check by what lines, crossings and landmarks say: whether a humanoid's camera and field fit its images."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What `touchline check` found: how bad, where, what, and what to do about it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

@@ -1,7 +1,5 @@
 """Checks of everything that turns: gyro, compass and odometry against each other, the compass's lag."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

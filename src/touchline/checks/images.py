@@ -1,7 +1,5 @@
 """Checks of the images: readable, evenly timed, bright, sharp, alive."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

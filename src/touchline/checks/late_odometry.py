@@ -4,8 +4,6 @@ Messages without a stamp are as old as their receipt, and nobody tells how late 
 least where the odometry's turns are put at their own time: the shift at which they do is found.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence

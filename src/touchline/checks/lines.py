@@ -1,7 +1,5 @@
 """Checks by what the lines say: whether the camera's ranges and the field's dimensions fit the images."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Checks of a perspective camera: what it sees of the ground, and whether field lines are where it projects them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

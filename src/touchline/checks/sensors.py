@@ -1,7 +1,5 @@
 """Checks of the robot's own sensors: readable, without gaps, alive, and agreeing with each other."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

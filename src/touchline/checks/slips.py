@@ -3,8 +3,6 @@
 Told from the first minute of each table and a few images, so that a run can say so before it starts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import chain

@@ -183,7 +183,7 @@ _MIN_TURN_RAD, _MAX_TURN_RAD = np.radians(4.0), np.radians(40.0)
 class Survey:
     """Numbers per image (N,), NaN where there is none.
 
-    brightness (0..255), saturated (0..1), sharpness: see image_measures. black: shows nothing, as under a covered lens.
+    brightness (0..255), saturated (0..1), sharpness: as measured below. black: shows nothing, as under a covered lens.
     frozen: equal to the image before.
     motion: (N, 11), the last sample of each of MOTION_COLUMNS. changed: bool (N, 11), whether it changed since the
     image before. turn_rad: the gyro's yaw rate summed up since the image before (NaN across a gap).

@@ -1,7 +1,5 @@
 """The `touchline` command. Its parts are imported in `main`, where a Ctrl-C ends them without a traceback."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM as a wish to stop in good order."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

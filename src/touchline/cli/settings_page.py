@@ -1,7 +1,5 @@
 """docs/settings.md: every constant with its value, unit and reason, from the settings themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

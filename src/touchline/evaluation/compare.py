@@ -1,7 +1,5 @@
 """Runs of one recording side by side: what they reach, what differs in their settings, where they part."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Sequence

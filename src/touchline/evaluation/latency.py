@@ -1,7 +1,5 @@
 """Time spent per frame, in constant memory: counts in logarithmic bins instead of every value."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

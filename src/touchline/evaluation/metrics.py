@@ -6,11 +6,9 @@ robot is lost or searched for later on, the pose is a prediction that no image h
 position without them has a row of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +37,7 @@ class ErrorStatistics:
     max: float
 
     @classmethod
-    def of(cls, errors: FloatArray) -> ErrorStatistics:
+    def of(cls, errors: FloatArray) -> Self:
         """From signed errors (N,), N >= 1."""
         size = np.abs(errors)
         return cls(

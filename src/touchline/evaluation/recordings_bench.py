@@ -1,7 +1,5 @@
 """How well a system localises a recording that holds the truth: figures in one row."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path

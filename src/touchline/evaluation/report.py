@@ -1,7 +1,5 @@
 """report.html: one self-contained page about a run, readable on a phone, by day and by night."""
 
-from __future__ import annotations
-
 import base64
 import html
 import io

@@ -1,7 +1,5 @@
 """The results of a run as messages of ROS: pose with covariance, map → odom, diagnostics."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.evaluation.run import Run

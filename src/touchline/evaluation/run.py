@@ -1,7 +1,5 @@
 """A finished run, read back from its folder, and its errors against the truth."""
 
-from __future__ import annotations
-
 import base64
 import html
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """What a report draws: the estimates of a run, the truth, the errors and what happened, with what follows from them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

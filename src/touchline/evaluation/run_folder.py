@@ -3,8 +3,6 @@
 Each row is in the file as soon as it is known, and on the disk within a second; summary.json stands there from the
 beginning and is replaced as the run goes on. What a crash or a full disk leaves can be read and evaluated."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -3,8 +3,6 @@
 Curves end where the robot was carried, and at black images; their axes are cut so that a kidnap flattens nothing else.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -1,7 +1,5 @@
 """Trajectories in the TUM format: one line per pose, `t x y z qx qy qz qw`, separated by spaces."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from pathlib import Path

@@ -3,8 +3,6 @@
 The curves are drawn by uPlot (https://github.com/leeoniya/uPlot, MIT; its licence lies beside it in web/).
 """
 
-from __future__ import annotations
-
 import html
 from collections.abc import Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 A task holds all that its result depends on, its seed among it, so that no worker needs to know of another.
 """
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor

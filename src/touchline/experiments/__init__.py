@@ -1,7 +1,5 @@
 """The papers' experiments, rerun: each gives our figures beside the paper's, over several seeds."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace

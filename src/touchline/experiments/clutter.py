@@ -3,8 +3,6 @@
 A thing is drawn once, when a fault begins, and then tells where points on it are seen from each pose.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

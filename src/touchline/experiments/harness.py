@@ -4,8 +4,6 @@ An experiment measures (conditions x systems x robots, `gathered`), writes a tab
 and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which `write_result` makes a page.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

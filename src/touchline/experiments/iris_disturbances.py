@@ -1,7 +1,5 @@
 """iris-disturbances: a covered camera, a slip of the wheels, a drifting gyro, one at a time. No figure of the paper."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

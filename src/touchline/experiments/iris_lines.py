@@ -1,7 +1,5 @@
 """iris-lines (figures 13 and 14): line detection and range regression under three lightings at the same place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

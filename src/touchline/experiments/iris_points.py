@@ -2,8 +2,6 @@
 tours against the truth. iris-track (figure 17): from A to B, by mode.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections import Counter

@@ -4,8 +4,6 @@ These are rays every 2.5 degrees, masks of HSV and HSL, and ranges by a regressi
 2021, section II.B, figures 6, 7 and 14).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

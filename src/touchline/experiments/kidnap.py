@@ -3,8 +3,6 @@
 In play: a match among eight robots, in which the robot is carried elsewhere every few seconds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """lu2013-lighting (Table 2, figure 8): one colour table under other light, with exposure control and without."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence

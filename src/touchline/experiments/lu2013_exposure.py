@@ -1,7 +1,5 @@
 """lu2013-exposure: the entropy over exposure and gain, its ridge, the search along the path (figures 6, 10, 11)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

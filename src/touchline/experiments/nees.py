@@ -3,8 +3,6 @@
 No figure of a paper. NEES is the squared error of x, y and heading in the measure of the stated covariance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple

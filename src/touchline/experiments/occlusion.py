@@ -3,8 +3,6 @@
 And the figures of both papers without a table: calibration, the map of distances, images with their line points.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

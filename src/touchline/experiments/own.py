@@ -5,8 +5,6 @@ experiments of the three papers whose robots have a mirror; hours of play, with 
 fails; single observations (own_points.py). Humanoids are in own_humanoids.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

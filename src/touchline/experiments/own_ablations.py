@@ -1,7 +1,5 @@
 """own-ablations: what each part of our own system brings, by leaving it out. No figure of a paper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace

@@ -4,8 +4,6 @@ The sets are drawn as the public one is: poses all over the 18 x 12 m field, poi
 and bearings with the noise of a usual camera, some of them clutter.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping, Sequence

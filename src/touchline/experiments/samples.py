@@ -1,7 +1,5 @@
 """xiong-samples (figure 7) and xiong-convergence (figure 9): a robot near (0, -2) finds itself among 315 samples."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

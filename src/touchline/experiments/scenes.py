@@ -1,7 +1,5 @@
 """What the experiments share: views at the observation level, places, and fields drawn with matplotlib."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """schulz-accuracy (figure 5): five minutes of walking, with and without lines, and recorded walks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple

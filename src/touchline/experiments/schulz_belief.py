@@ -1,7 +1,5 @@
 """schulz-belief (figure 4): what one frame's features say of the pose, on a grid over the whole field."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

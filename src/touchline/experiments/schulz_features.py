@@ -1,7 +1,5 @@
 """schulz-features: lines, crossings and boundary of the line graph against the projected truth."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """schulz-games (section 6.3): two against two, unfavourable poses, a fall and re-entry at the side line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """schulz-imu (figure 3): the learned correction of pixels by roll and pitch."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """schulz-lines-only (Table 2, figure 6): the same walk tracked with all features, without lines, and by lines alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 

@@ -1,7 +1,5 @@
 """What the experiments with humanoids share: walks at the observation level or recorded, and tracks of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """schulz-timing (Table 1): the time of each part, from an image to the pose."""
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """lu2013-timing (figure 12), xiong-timing (figure 11) and iris-timing (section III.C): the time of the parts."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """A run written down as a recording folder in the folder format."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Callable, Iterable

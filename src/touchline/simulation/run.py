@@ -1,7 +1,5 @@
 """One run of a scenario, frame by frame: as a source like a recording, or live, with the camera's exposure in hand."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The world of a scenario: hall, light, clutter, the others' bodies, and what is laid out for a calibration."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Where frames come from: `open_source(path)` recognises the kind of recording by itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from touchline.errors import InputError

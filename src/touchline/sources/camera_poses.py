@@ -1,7 +1,5 @@
 """camera_pose.csv: where the camera of a moving head is at an image's time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

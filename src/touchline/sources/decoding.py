@@ -1,7 +1,5 @@
 """Where the images of a recording are kept, and how one is decoded: what a decoder would fill in is broken here."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """sequence.yaml and camera.yaml: what has to be right before a recording can be opened at all."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

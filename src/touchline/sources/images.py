@@ -1,7 +1,5 @@
 """The list of images of a recording, kept compact."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass

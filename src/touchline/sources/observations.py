@@ -1,7 +1,5 @@
 """observations.csv: what a detector of the robot's own found, read image by image."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Files that hold a recording but are none: what to do with them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from touchline.errors import InputError

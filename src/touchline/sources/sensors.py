@@ -1,7 +1,5 @@
 """One sensor's file as a stream of samples, in the order of time, handed out between image stamps."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """What every source of frames offers: recordings of any format, and later a live robot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 

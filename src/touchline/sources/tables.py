@@ -1,7 +1,5 @@
 """CSV files of numbers, read in blocks: constant memory at any length, bad rows reported and left out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording of any kind written as a folder."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath

@@ -1,7 +1,5 @@
 """ground_truth.tum: the true poses, for evaluation only."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Numbers in another unit than the format's: told by their size, as no robot could have measured them otherwise."""
 
-from __future__ import annotations
-
 from itertools import chain, islice
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A camera at a USB port, through OpenCV (V4L2 on Linux): offers `set` and `grab` to the exposure control."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any

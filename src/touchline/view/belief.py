@@ -5,8 +5,6 @@ The belief is that of the paper's own observation model, equations (5) to (8), o
 likely heading, as large as it is likely. Ours is narrower than the grid is fine.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The image as seen from above: its pixels laid out on the ground, in metres."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

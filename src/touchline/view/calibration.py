@@ -4,8 +4,6 @@ Of a mirror: the edges that were found (figure 2 of Lu et al., 2013) and what th
 image, what the table makes of it, and the table itself in slices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One image looked at closely: its points, where they put the robot, and the pictures of every stage."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What was seen and the projected field lines drawn over the image: whether a pose is right, at a glance."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -1,7 +1,5 @@
 """Pictures into files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

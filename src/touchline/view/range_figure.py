@@ -1,7 +1,5 @@
 """The picture of a range regression: over an image, pairs and polynomial, and what is left between them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

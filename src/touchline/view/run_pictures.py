@@ -1,7 +1,5 @@
 """The pictures of a report: some images with what was seen in them, and the field with belief and particles."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Each stage's picture, from the image to the field lines drawn over it: one file each and one sheet of all."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

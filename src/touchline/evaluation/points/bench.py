@@ -1,7 +1,5 @@
 """How well a localizer finds the true poses of a point set, and how close that comes to what is possible at all."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass

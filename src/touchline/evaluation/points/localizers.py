@@ -1,7 +1,5 @@
 """What a point set is given to: localizers that answer with a pose for one observation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Protocol

@@ -13,11 +13,10 @@ First the field, then one line for each question; the program answers each with 
     X Y HEADING                             the answer (m, rad, field frame), or the word none
 """
 
-from __future__ import annotations
-
 import math
 import shlex
 import subprocess
+from typing import Self
 
 from touchline.errors import InputError, TouchlineError
 from touchline.field import FieldModel
@@ -42,7 +41,7 @@ class OutsideProgram:
             raise InputError(f"--program {command}: {getattr(error, 'strerror', None) or error}") from None
         self._tell(_field_lines(field))
 
-    def __enter__(self) -> OutsideProgram:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

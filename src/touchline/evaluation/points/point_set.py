@@ -1,7 +1,5 @@
 """A point set (.npz): many single observations of line points, each with the true pose and what may be told of it."""
 
-from __future__ import annotations
-
 import io
 import math
 import zipfile

@@ -1,7 +1,5 @@
 """What a search leaves: the best settings as a file for `run --config`, a table of all trials, a picture."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -5,8 +5,6 @@ them, nor on whether the search was interrupted. So the same search gives the sa
 cluster, in one go or in several.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import math

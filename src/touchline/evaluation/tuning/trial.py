@@ -1,7 +1,5 @@
 """One trial: settings, run over every recording or scenario, and what its errors cost."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Inputs written out as recordings without truth, for any program; poses that come back, as TUM or CSV."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Iterable, Sequence

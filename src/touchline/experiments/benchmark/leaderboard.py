@@ -1,7 +1,5 @@
 """Tables of the benchmark, drawn from files of results alone."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Systems on the entries of a suite, and the files of results: a line for each drive, so that a run can go on."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

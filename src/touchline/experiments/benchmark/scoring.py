@@ -1,7 +1,5 @@
 """What an entry is worth: figures of each drive, and of all robots of a row with their 95 % intervals."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What both simulated cameras share: motion during the exposure, rolling shutter, occlusion, the image sensor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The simulated camera that a scenario asks for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any

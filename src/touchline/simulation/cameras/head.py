@@ -1,7 +1,5 @@
 """A camera head as it was built: how it differs from its design, how it shakes, and what its camera.yaml says of it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

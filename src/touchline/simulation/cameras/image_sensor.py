@@ -11,13 +11,11 @@ bilinearly. The normal numbers come from a table of 2^22, read from a random pla
 pixel to pixel, and at one pixel from image to image but for one pair of images in four million.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -156,7 +154,7 @@ class LinearImageCamera:
         self._exposure_ms, self._gain = 12.0, 1.7
 
     @classmethod
-    def open(cls, recording: Recording, index: int, rng: np.random.Generator | None = None) -> LinearImageCamera:
+    def open(cls, recording: Recording, index: int, rng: np.random.Generator | None = None) -> Self:
         """The camera of one image of a recording of 16-bit linear images. InputError if it can't be read."""
         sensor, scale = _sensor_of(recording)
         file = recording.path / recording.image_name(index)

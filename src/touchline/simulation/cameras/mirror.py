@@ -11,8 +11,6 @@ solved here with Runge and Kutta's fourth-order steps of an eighth of a pixel. R
 isometric, vertically isometric, and the three from the inside out (lu2013, section 3.1).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

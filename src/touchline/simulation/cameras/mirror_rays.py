@@ -1,7 +1,5 @@
 """Rays of a camera through a mirror, exactly: pinhole -> mirror as mounted (tilted, displaced) -> world."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,12 +1,10 @@
 """A simulated omnidirectional camera: one that looks up at a mirror, given by its profile or by its range table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -64,7 +62,7 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         handedness: int = -1,
         mount_yaw_rad: float = -0.5 * math.pi,
         **options: Any,
-    ) -> SimulatedOmniCamera:
+    ) -> Self:
         """Through a solved mirror, tilted and displaced as `mount` says (not at all by default)."""
         radii, ranges = design_range_table(profile)
         if len(radii) < 2 or np.any(np.diff(ranges) <= 0.0):

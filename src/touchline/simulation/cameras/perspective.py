@@ -1,7 +1,5 @@
 """A simulated camera with a lens, pinhole or fisheye, on a body that leans."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

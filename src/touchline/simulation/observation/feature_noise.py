@@ -1,7 +1,5 @@
 """How well the observation level's features are seen: by a mirror's detector, and by nimbro-lines' on a humanoid."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pydantic import Field

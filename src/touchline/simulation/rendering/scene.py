@@ -1,7 +1,5 @@
 """A world as arrays, built once; what moves or shines is brought up to date for each image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The track of a scenario's robot: its kind of motion, its kidnaps and its collisions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

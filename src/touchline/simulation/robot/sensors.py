@@ -4,10 +4,8 @@ The columns, units and signs are those of docs/how-to-recording.md. All errors a
 tell the truth.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -58,7 +56,7 @@ class WheelNoise(Settings):
     slip_m: float = Field(0.002, ge=0, description="error of a wheel after one metre of its way (m, root of way)")
 
     @model_validator(mode="after")
-    def _tell_a_plane(self) -> WheelNoise:
+    def _tell_a_plane(self) -> Self:
         if abs(math.sin(self.a_dir_rad - self.b_dir_rad)) < 1e-3:
             raise ValueError("both wheels roll along the same line; a_dir_rad and b_dir_rad have to differ")
         return self

@@ -1,7 +1,5 @@
 """How the robot truly moved: poses and lean at even steps, and which part of the motion its sensors can feel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What lies on the ground for a calibration, and what is known of it: marks, points with names, coloured regions."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

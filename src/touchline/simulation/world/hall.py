@@ -1,7 +1,5 @@
 """The hall around a field, and the things in it from a seed: panels with posters, boxes, columns, people."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

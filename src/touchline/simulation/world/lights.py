@@ -3,8 +3,6 @@
 Levels are relative: under level 1 white paint comes to about 230 of 255 at exposure_ms = 12, gain = 1.7.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

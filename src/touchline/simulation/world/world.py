@@ -3,8 +3,6 @@
 Field frame, metres, radians. Colours are linear reflectances red, green, blue in 0..1 (see `PAINTS`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """sensor_msgs/CameraInfo as a camera.yaml."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the camera of a moving head was at an image's time, by /tf, by a topic of the head, by the IMU."""
 
-from __future__ import annotations
-
 from collections import deque
 from operator import itemgetter
 from typing import Any

@@ -1,7 +1,5 @@
 """Texts, and the header with which most messages begin, read without a decoder: quick, also of large images."""
 
-from __future__ import annotations
-
 import struct
 from typing import NamedTuple
 

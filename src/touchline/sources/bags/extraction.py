@@ -1,7 +1,5 @@
 """The tables of a bag in a folder of their own; its images stay where they are."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Mapping
 from contextlib import ExitStack

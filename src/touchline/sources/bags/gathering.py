@@ -1,7 +1,5 @@
 """What several topics say of the same image, brought together by its stamp."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Generic, TypeVar
 

@@ -1,7 +1,5 @@
 """What kind of bag a path is: told by its content, with the standard library alone."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from enum import StrEnum

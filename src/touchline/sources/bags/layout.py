@@ -3,8 +3,6 @@
 Tables travel line by line, at their own times, so that a bag that was cut off holds all of them up to the cut.
 """
 
-from __future__ import annotations
-
 STRING = "std_msgs/msg/String"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 IMAGES = "/camera/image/compressed"

@@ -4,8 +4,6 @@ The records are walked through here, not by the mcap package: its readers give u
 or give half of the last chunk as if it were whole, and none tells where a message stands.
 """
 
-from __future__ import annotations
-
 import struct
 import weakref
 import zlib

@@ -1,7 +1,5 @@
 """What every kind of bag offers, and the one way messages are named inside."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple, Protocol
 

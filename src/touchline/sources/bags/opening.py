@@ -1,7 +1,5 @@
 """A bag opened as a recording, whose images are fetched one by one, as they are stored."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 u grows to the right and v downwards; a heading of 0 points along u and π/2 along v (MarkingIntersection.msg).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """The pixels of sensor_msgs/Image, of whatever encoding, as OpenCV has them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -1,7 +1,5 @@
 """What single messages of ROS say, in the units of a recording."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

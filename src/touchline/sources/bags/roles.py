@@ -1,12 +1,10 @@
 """Which topic of a foreign bag is what: found by type, chosen by name, and to be named by the user."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from touchline.errors import InputError
 from touchline.messages import did_you_mean, listed
@@ -77,7 +75,7 @@ class BagOptions:
         return {**named, "late_ms": self.late_ms, "from_zero": self.from_zero}
 
     @classmethod
-    def from_dict(cls, tree: Any) -> BagOptions:
+    def from_dict(cls, tree: Any) -> Self:
         """The inverse of `to_dict`; of anything else, nothing is given."""
         if not isinstance(tree, dict) or not isinstance(topics := tree.get("topics", {}), dict):
             return cls()

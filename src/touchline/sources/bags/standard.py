@@ -1,7 +1,5 @@
 """What Touchline knows, as the messages that other programs of ROS understand (REP 103, REP 105)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

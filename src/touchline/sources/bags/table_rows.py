@@ -1,7 +1,5 @@
 """The lines of a recording's tables as they are, each with its time to the nanosecond."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from pathlib import Path

@@ -4,8 +4,6 @@ Of Booster's robots `position_projection` is in the robot frame already; the mes
 the frame of their headers. `pixel_features` reads those of pixels. A confidence that is not known (-1) is left open.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """The tree of frames that /tf and /tf_static tell of, at the time of the newest message."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The one place that knows the rosbags package (0.11): its readers, its writer and its message types."""
 
-from __future__ import annotations
-
 import re
 import sqlite3
 import weakref

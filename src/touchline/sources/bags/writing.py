@@ -1,7 +1,5 @@
 """A recording written as a bag: its files line by line, and beside them what other programs of ROS understand."""
 
-from __future__ import annotations
-
 import heapq
 import itertools
 import math

@@ -1,7 +1,5 @@
 """What was clicked, checked like any file from elsewhere, and the files that hold it."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The local page on which images are marked: on the loopback alone, under an address that nobody can guess."""
 
-from __future__ import annotations
-
 import json
 import secrets
 from collections.abc import Callable, Mapping

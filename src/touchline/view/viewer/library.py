@@ -1,7 +1,5 @@
 """The Rerun library, which is an extra: it is large, and only whoever looks at runs needs it."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

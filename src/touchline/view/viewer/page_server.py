@@ -1,7 +1,5 @@
 """The viewer's page for a browser, without what its own would ask other machines for: fonts, scripts, statistics."""
 
-from __future__ import annotations
-
 import re
 import threading
 from http.client import HTTPConnection, HTTPException

@@ -1,7 +1,5 @@
 """What the viewer is shown of every frame: the image and what was seen in it, the field from above, the curves."""
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Where a run is shown: in a file, in a window, in a browser. Nothing of it leaves this machine."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import socket

@@ -1,7 +1,5 @@
 """A run of a recording, and a robot that runs, as the viewer shows them."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Any
