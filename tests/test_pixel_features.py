@@ -27,14 +27,8 @@ from touchline.sources.bags import roles
 from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import BagOptions, choose_topics
-from touchline.sources.bags.standard import (
-    BASE,
-    BODY_FROM_OPTICAL,
-    OPTICAL,
-    StandardMessages,
-    quaternion_of,
-)
-from touchline.sources.bags.transforms import FrameTree
+from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages, quaternion_of
+from touchline.sources.bags.transforms import BODY_FROM_OPTICAL, FrameTree
 from touchline.sources.bags.with_rosbags import Codec, _known
 from touchline.sources.bags.writing import McapWriter
 from touchline.sources.new_description import write_yaml

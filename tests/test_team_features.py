@@ -23,10 +23,10 @@ from touchline.sources import Recording, open_source
 from touchline.sources.bags import roles
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.readings import head_of
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.standard import StandardMessages, quaternion_of
 from touchline.sources.bags.team_features import feature_rows
+from touchline.sources.bags.transforms import pose3
 from touchline.sources.bags.with_rosbags import Codec, _known
 from touchline.sources.bags.writing import McapWriter
 from touchline.sources.observations import observation_of
@@ -220,11 +220,11 @@ def test_a_pose_of_the_head_is_none_without_a_rotation() -> None:
     at = codec.make("geometry_msgs/msg/Point", x=0.1, y=0.0, z=1.1)
     quaternion = codec.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
     pose = codec.make("geometry_msgs/msg/Pose", position=at, orientation=quaternion)
-    head = head_of(pose)
+    head = pose3(pose.position, pose.orientation)
     assert head is not None
     assert head.roll_pitch_yaw() == pytest.approx((0.1, 0.2, 0.3))
     pose.orientation = codec.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
-    assert head_of(pose) is None
+    assert pose3(pose.position, pose.orientation) is None
 
 
 def test_a_bag_with_neither_images_nor_features_is_refused(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from touchline.evaluation.tuning.result import best_file, judge, trials_figure, 
 from touchline.evaluation.tuning.search import best_of
 from touchline.evaluation.tuning.trial import MAX_M, Score, Trial, base_of, mean_score, scored, settings_of
 from touchline.evaluation.workers import Here, open_workers
-from touchline.sources.source import Truth
+from touchline.sources import Truth
 from touchline.systems.nubot_mti import NubotMtiSettings
 from touchline.systems.ordered import OrderedSystem
 

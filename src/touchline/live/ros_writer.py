@@ -32,7 +32,8 @@ from touchline.live.ros_topics import (
     Outgoing,
 )
 from touchline.sources.bags import roles
-from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, OPTICAL, StandardMessages
+from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages
+from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Status
 

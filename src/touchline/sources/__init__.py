@@ -9,7 +9,7 @@ from touchline.sources.bags.roles import BagOptions
 from touchline.sources.folder import SENSOR_FILES, Recording
 from touchline.sources.other_files import refuse_other_files
 from touchline.sources.problems import Problem, ProblemKind, ProblemLog
-from touchline.sources.source import Truth
+from touchline.sources.truth import Truth
 
 __all__ = [
     "SENSOR_FILES",

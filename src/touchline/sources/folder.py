@@ -23,9 +23,8 @@ from touchline.sources.images import ImageList, read_image_list
 from touchline.sources.observations import OBSERVATIONS, ObservationList, read_observation_list
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import SensorStream
-from touchline.sources.source import Truth
 from touchline.sources.tables import StampArray, Table, TableError, open_table
-from touchline.sources.truth import TRUTH, read_truth
+from touchline.sources.truth import TRUTH, Truth, read_truth
 from touchline.types import Frame, GameState, ImageArray, Observation, Samples
 from touchline.types.game import PHASES, STAYS
 

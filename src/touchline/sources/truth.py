@@ -2,21 +2,51 @@
 
 import math
 from array import array
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from touchline.files.opened import text_lines
-from touchline.geometry import wrap_angles
+from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.messages import counted
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import rows_in_order
-from touchline.sources.source import Truth
 from touchline.sources.tables import MAX_TIME_S, RowError, StampArray, read_cell
-from touchline.types import MAX_VALUE
+from touchline.types import MAX_VALUE, Samples
 
 TRUTH = "ground_truth.tum"
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Truth:
+    """The true poses of the robot. stamp_ns: int64 (N,), strictly increasing. poses: float64 (N, 3) x, y (m),
+    heading (rad) in the field frame.
+    """
+
+    stamp_ns: StampArray
+    poses: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def __getitem__(self, index: int) -> Pose:
+        return Pose(*self.poses[index].tolist())
+
+    def samples(self) -> Samples:
+        """The same as samples (N, 3) of x, y, heading."""
+        return Samples(self.stamp_ns, self.poses)
+
+    def nearest_index(self, stamp_ns: int) -> int:
+        """Index of the pose whose stamp is nearest."""
+        after = min(int(np.searchsorted(self.stamp_ns, stamp_ns)), len(self) - 1)
+        before = max(after - 1, 0)
+        return before if stamp_ns - self.stamp_ns[before] <= self.stamp_ns[after] - stamp_ns else after
+
+    def nearest(self, stamp_ns: int) -> Pose:
+        """The pose whose stamp is nearest."""
+        return self[self.nearest_index(stamp_ns)]
 
 
 def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth | None:

@@ -19,8 +19,7 @@ from touchline.motion import FrameOrder
 from touchline.perception.covered import is_covered
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.sources import is_recording, open_source
-from touchline.sources.source import Truth
+from touchline.sources import Truth, is_recording, open_source
 from touchline.systems import RobotSetup, open_system, system_info
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Frame, Status

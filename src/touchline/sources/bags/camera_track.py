@@ -8,8 +8,7 @@ import numpy as np
 
 from touchline.camera import Camera, GroundView, ground_view
 from touchline.geometry import Pose3
-from touchline.sources.bags.readings import head_of
-from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, plain
+from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, plain, pose3
 from touchline.sources.camera_poses import between
 
 _REMEMBERED = 300  # samples: an image is older than the newest
@@ -44,7 +43,7 @@ class CameraTrack:
 
     def head(self, stamp_ns: int, pose: Any) -> None:
         """A geometry_msgs/Pose of the head."""
-        head = None if self._mount is None else head_of(pose)
+        head = None if self._mount is None else pose3(pose.position, pose.orientation)
         if head is not None and self._mount is not None:
             if not self._head_tells:
                 self._head_tells, self._poses = True, _History()

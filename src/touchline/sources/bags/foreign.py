@@ -26,7 +26,6 @@ from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.readings import (
     attitude_of,
     cloud_points,
-    head_of,
     place_and_turn,
     planar_pose,
     rates_of,
@@ -34,7 +33,7 @@ from touchline.sources.bags.readings import (
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, TransformOdometry, camera_body, plain
+from touchline.sources.bags.transforms import FrameTree, TransformOdometry, camera_body, plain, pose3
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.description import CAMERA
 from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
@@ -375,7 +374,7 @@ class ForeignTables(NewFiles):
         self._found(roles.POINTS, stamp_ns, [f"point,{x!r},{y!r}{',' * 11}" for x, y in base[:, :2].tolist()])
 
     def _head(self, stamp_ns: int, message: Any) -> None:
-        head = None if self._mount is None else head_of(message)
+        head = None if self._mount is None else pose3(message.position, message.orientation)
         if head is not None and self._mount is not None:
             self._track.head(stamp_ns, message)
             body = head.compose(self._mount)

@@ -28,12 +28,6 @@ def planar_pose(message: Any) -> tuple[float, float, float]:
     return place.x, place.y, heading_of(turn.x, turn.y, turn.z, turn.w)
 
 
-def head_of(pose: Any) -> Pose3 | None:
-    """`base_from_head` by a geometry_msgs/Pose; None where it is none."""
-    place, turn = np.array([pose.position.x, pose.position.y, pose.position.z]), rotation(pose.orientation)
-    return None if turn is None or not np.isfinite(place).all() else Pose3(turn, place)
-
-
 def attitude_of(imu: Any, base_from_sensor: Pose3) -> tuple[float, float, float] | None:
     """Roll, pitch, yaw of the base by a sensor_msgs/Imu or a booster_interface/LowState (rad); None where the sensor
     does not measure them.

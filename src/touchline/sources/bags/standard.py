@@ -12,8 +12,6 @@ from touchline.types import Estimate, Status
 
 MAP, ODOM, BASE, OPTICAL = "map", "odom", "base_footprint", "camera_optical_frame"
 _UNKNOWN = np.eye(1, 9).ravel() * -1.0  # the covariance of what a sensor does not measure (sensor_msgs/Imu)
-# `body_from_optical`: z ahead, x right, y down of the optical frame in x ahead, y left, z up of the camera's body.
-BODY_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 Fields = dict[str, Any]
 _VALUES = (
     *("residual_m", "points", "probability", "twin_probability", "end_probability", "protection_m", "protection_rad"),

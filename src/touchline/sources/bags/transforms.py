@@ -11,8 +11,8 @@ from touchline.geometry import FloatArray, Pose3
 _DEEPEST = 100  # frames from a leaf to the root: more is a loop
 GROUND_FRAME, ODOMETRY_FRAME = "base_footprint", "odom"
 _BASES = (GROUND_FRAME, "base_link", "base")
-# The axes of a camera's optical frame (x right, y down, z ahead) from those of its body (x ahead, y left, z up).
-OPTICAL_FROM_BODY = Pose3(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
+# `body_from_optical`: z ahead, x right, y down of the optical frame in x ahead, y left, z up of the camera's body.
+BODY_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 _UPWARD = 0.7
 
 
@@ -43,20 +43,19 @@ class FrameTree:
 
     def between(self, target: str, source: str) -> list[str] | None:
         """The frames whose places matter to `target_from_source`; None where nothing joins the two."""
-        ups = self._up(target), self._up(source)
-        shared = [frame for frame in ups[0] if frame in ups[1]]
-        if not shared:
-            return None
-        return [frame for up in ups for frame in up[: up.index(shared[0])]]
+        ways = self._ways(target, source)
+        return None if ways is None else [*ways[0], *ways[1]]
 
     def pose(self, target: str, source: str) -> Pose3 | None:
         """`target_from_source`; None where nothing joins the two."""
-        ups = self._up(target), self._up(source)
-        meeting = next((frame for frame in ups[0] if frame in ups[1]), None)
-        if meeting is None:
-            return None
-        first, second = (self._from(up[: up.index(meeting)]) for up in ups)
-        return first.inverse().compose(second)
+        ways = self._ways(target, source)
+        return None if ways is None else self._from(ways[0]).inverse().compose(self._from(ways[1]))
+
+    def _ways(self, *frames: str) -> list[list[str]] | None:
+        """From each of two frames up to where the ways meet, that frame left out; None where they don't."""
+        first, second = (self._up(frame) for frame in frames)
+        meeting = next((frame for frame in first if frame in second), None)
+        return None if meeting is None else [up[: up.index(meeting)] for up in (first, second)]
 
     def _up(self, frame: str) -> list[str]:
         """A frame and those above it."""
@@ -125,4 +124,4 @@ def camera_body(base_from_frame: Pose3, frame: str) -> Pose3:
     """
     if "optical" not in frame and base_from_frame.rotation[2, 2] > _UPWARD:
         return base_from_frame
-    return base_from_frame.compose(OPTICAL_FROM_BODY)
+    return base_from_frame.compose(BODY_FROM_OPTICAL.inverse())

@@ -25,8 +25,9 @@ from touchline.sources.bags.layout import (
     TABLES,
     WHOLE,
 )
-from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, OPTICAL, StandardMessages
+from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages
 from touchline.sources.bags.table_rows import MAX_STAMP_NS, Rows, read_rows
+from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.camera_poses import CAMERA_POSES
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
