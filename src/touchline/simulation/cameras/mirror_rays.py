@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, tilt_rotation
 from touchline.simulation.cameras.mirror import MirrorProfile
 
 
@@ -26,14 +26,6 @@ class MirrorMount:
         """Whether the mirror sits as designed."""
         return not any((self.tilt_x, self.tilt_y, self.shift_x, self.shift_y, self.shift_z))
 
-    def body_from_mirror(self) -> FloatArray:
-        """Rotation (3, 3): about y after about x."""
-        cx, sx, cy, sy = math.cos(self.tilt_x), math.sin(self.tilt_x), math.cos(self.tilt_y), math.sin(self.tilt_y)
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-        about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
-        rotation: FloatArray = about_y @ about_x
-        return rotation
-
 
 def mirror_rays(
     profile: MirrorProfile, mount: MirrorMount, radius_px: npt.ArrayLike, bearing_rad: npt.ArrayLike
@@ -48,7 +40,7 @@ def mirror_rays(
     tangent = np.asarray(radius_px, dtype=np.float64) / head.focal_px
     bearing = np.asarray(bearing_rad, dtype=np.float64)
     rays = np.stack((tangent * np.cos(bearing), tangent * np.sin(bearing), np.ones_like(tangent)), axis=-1)
-    rotation = mount.body_from_mirror()
+    rotation = tilt_rotation(mount.tilt_x, mount.tilt_y)  # of the mirror in the body
     apex = np.array([mount.shift_x, mount.shift_y, head.apex_m + mount.shift_z])
     origin = -apex @ rotation  # the pinhole in the mirror's frame, whose origin is the apex
     direction = rays @ rotation
