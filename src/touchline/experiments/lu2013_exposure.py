@@ -49,9 +49,8 @@ class Case:
 
 @dataclass(eq=False, slots=True)
 class Change:
-    """A search that a change of light from one case to another started."""
+    """A search that a change of light to a case started."""
 
-    before: Case
     after: Case
     tried: list[Tried]
 
@@ -198,7 +197,7 @@ def _change(before: Case, after: Case, settings: ExposureSettings) -> Change:
     control.step()
     if not control.waiting:  # so little has changed that the control leaves it: searched all the same
         control.start_search(settings.search.step_stops)
-    return Change(before, after, control.optimise())
+    return Change(after, control.optimise())
 
 
 def _case_row(

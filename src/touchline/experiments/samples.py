@@ -25,11 +25,10 @@ PAPER_C_M = 2.55  # the paper's C = 255, taken for centimetres
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Search:
-    """One search: the true pose, the round that found it, the line points seen (N, 2), the pose that was taken."""
+    """One search: the true pose, the round that found it, the pose that was taken."""
 
     truth: Pose
     round: SearchRound
-    points: FloatArray
     taken: Pose
 
 
@@ -53,7 +52,7 @@ def searches(seeds: int, c_m: float | None = None, ideal: bool = False, paper: b
         weights = precision_weights(points, settings.weights)
         fix = search.locate(points.positions_m, weights, compass, record=True)
         assert fix is not None, "the robot's own place is always among the samples"
-        found.append(Search(truth, fix.rounds[0], points.positions_m, fix.match.pose))
+        found.append(Search(truth, fix.rounds[0], fix.match.pose))
     return found
 
 
@@ -107,12 +106,11 @@ def _map_figure(search: Search) -> Figure:
 
 
 class Descent(NamedTuple):
-    """One descent of RPROP: from where to where (m), how far off that is (m), errors before and after, steps."""
+    """One descent of RPROP: from where to where (m), how far off that is (m), the error at its end, steps."""
 
     start_m: tuple[float, float]
     end_m: tuple[float, float]
     off_m: float
-    before: float
     after: float
     steps: int
 
@@ -126,9 +124,9 @@ def descents(search: Search) -> list[Descent]:
     """The descents from the five best samples, by the error that they end with."""
     found = []
     for candidate in sorted(search.round.candidates, key=lambda candidate: candidate.error):
-        (x, y, _, before), end = candidate.iterations[0].tolist(), candidate.pose
+        (x, y, *_), end = candidate.iterations[0].tolist(), candidate.pose
         off_m, steps = end.distance_to(search.truth), _steps_until_settled(candidate.iterations)
-        found.append(Descent((x, y), (end.x, end.y), off_m, before, candidate.error, steps))
+        found.append(Descent((x, y), (end.x, end.y), off_m, candidate.error, steps))
     return found
 
 

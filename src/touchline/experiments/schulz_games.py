@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -51,20 +50,13 @@ _NOTES = (
 )
 
 
-class Game(NamedTuple):
-    """A track and the seconds until it was right again after the fall (inf: never)."""
-
-    track: Track
-    waited_s: float
-
-
-Games = Mapping[tuple[str, str], Sequence[Game]]  # by robot and system
+Games = Mapping[tuple[str, str], Sequence[Track]]  # by robot and system
 
 
 def schulz_games(seeds: int) -> ExperimentResult:
     """Fifty games of five seeds, each case plays the same ones."""
     games = gathered(_played, range(seeds * GAMES), "games")
-    waited = np.array([each.waited_s for each in games["as built", OURS]])
+    waited = _waited_s(games["as built", OURS])
     return ExperimentResult(
         "Section 6.3 of Schulz and Behnke 2012: games of two against two, with a fall",
         COLUMNS,
@@ -79,14 +71,13 @@ def schulz_games(seeds: int) -> ExperimentResult:
     )
 
 
-def _played(number: int) -> dict[tuple[str, str], Game]:
+def _played(number: int) -> dict[tuple[str, str], Track]:
     """One game of every case."""
     walks = {robot: game(robot, number) for robot in dict.fromkeys(CASES.values())}
     games = {}
     for (name, system), robot in CASES.items():
         forget_s = FALL_S if name == _TOLD else math.inf
-        track = tracked(walks[robot], number, humanoids.settings(system), forget_s=forget_s)
-        games[name, system] = Game(track, humanoids.time_until_right(track, FALL_S))
+        games[name, system] = tracked(walks[robot], number, humanoids.settings(system), forget_s=forget_s)
     return games
 
 
@@ -117,8 +108,13 @@ def _unfavourable(field: FieldModel, rng: np.random.Generator) -> tuple[float, f
     return round(x, 2), round(y, 2), 0.0
 
 
-def _cells(games: Sequence[Game]) -> Row:
-    tracks, waited = [each.track for each in games], np.array([each.waited_s for each in games])
+def _waited_s(games: Sequence[Track]) -> FloatArray:
+    """(G,) seconds until the pose was right again after the fall; inf: never."""
+    return np.array([humanoids.time_until_right(track, FALL_S) for track in games])
+
+
+def _cells(tracks: Sequence[Track]) -> Row:
+    waited = _waited_s(tracks)
     wrong = [t.tracking & ~right_of(t) for t in tracks]
     twins = [float(np.mean(w & right_of(humanoids.either_end(t)))) for w, t in zip(wrong, tracks, strict=True)]
     return (
@@ -140,7 +136,7 @@ def _quantile(waited_s: FloatArray) -> str:
 def _figure(field: FieldModel, games: Games) -> Figure:
     """One game from above; beside it which share of the robots is right again after so long."""
     figure, (above, curve) = new_figure(1, 2, (10.0, 3.8))
-    track = games["as built", OURS][0].track
+    track = games["as built", OURS][0]
     field_axes(above, field, beyond_m=0.6)
     before, after = track.part(track.times_s < FALL_S), track.part(track.times_s >= FALL_S)
     way(above, before.truth, "black")
@@ -149,7 +145,7 @@ def _figure(field: FieldModel, games: Games) -> Figure:
         dots(above, part.poses, tint, 3, marker=".", label=label)
     above.legend(frameon=False, fontsize=8, loc="upper left")
     for name, each in games.items():
-        waited = np.sort([game.waited_s for game in each])
+        waited = np.sort(_waited_s(each))
         shares = 100.0 * np.arange(1, len(waited) + 1) / len(waited)
         kept = np.isfinite(waited)
         curve.step(waited[kept], shares[kept], where="post", label=", ".join(name))
