@@ -32,6 +32,21 @@ if TYPE_CHECKING:
     from touchline.experiments.benchmark.suite import Entry, Suite
 
 _DEG = 57.29578  # degrees in a radian
+_QUICK = 10  # --quick takes one robot in so many
+
+SuiteName = Annotated[str, typer.Argument(metavar="SUITE", help="touchline-bench-1, or a suite's YAML file.")]
+Robots = Annotated[int | None, typer.Option(min=1, metavar="N", help="Robots of each row (default: the suite's, 30).")]
+FirstRobot = Annotated[
+    int | None,
+    typer.Option("--first-seed", min=0, metavar="N", help="First of them (default: those for judging, 100)."),
+]
+OnlyRows = Annotated[
+    list[str] | None, typer.Option("--rows", metavar="TEXT", help="Only rows whose name holds it; repeatable.")
+]
+ResultsFile = Annotated[
+    Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
+]
+Quick = Annotated[bool, typer.Option("--quick", help="A tenth of the robots.")]
 
 
 class _BenchGroup(TyperGroup):
@@ -47,6 +62,97 @@ bench_app = typer.Typer(
     no_args_is_help=True,
     help="How exact, how sure and how fast: a system on a suite, a point set, or recordings that hold the truth.",
 )
+
+
+@bench_app.command("suite")
+def suite(
+    name: SuiteName,
+    system: Annotated[
+        list[str],
+        typer.Option("--system", metavar="NAME", help="A system; NAME:paper for its paper's form. Repeatable."),
+    ],
+    results: ResultsFile = Path("results.jsonl"),
+    robots: Robots = None,
+    first_robot: FirstRobot = None,
+    rows: OnlyRows = None,
+    quick: Quick = False,
+    workers: WorkerCount = 1,
+    dask: DaskAddress = None,
+) -> None:
+    """Run systems over a suite, score them, and keep every drive's figures in a file: an interrupted run goes on.
+
+    touchline bench suite touchline-bench-1 --system touchline --quick
+    """
+    from touchline.evaluation.workers import open_workers
+    from touchline.experiments.benchmark.runs import PAPER, run_suite
+    from touchline.systems import paper_settings, system_info
+
+    for each in system:
+        system_info(each.removesuffix(PAPER))
+        if each.endswith(PAPER):
+            paper_settings(each.removesuffix(PAPER))
+    of, entries = _entries(name, robots, first_robot, rows, quick)
+    with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
+        _follow(run_suite(of, entries, system, results, hands), len(entries))
+    _tell(of, results)
+
+
+@bench_app.command("export")
+def export(
+    name: SuiteName,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where the inputs go, a recording for each drive.")],
+    robots: Robots = None,
+    first_robot: FirstRobot = None,
+    rows: OnlyRows = None,
+    quick: Quick = False,
+    mcap: Annotated[bool, typer.Option("--mcap", help="Write each as an MCAP file, too (extra bags).")] = False,
+) -> None:
+    """Write a suite's inputs without truth, for any program: folders of CSV, and MCAP if asked."""
+    from touchline.experiments.benchmark.runs import export as export_entry
+
+    _, entries = _entries(name, robots, first_robot, rows, quick)
+    if not folder.parent.is_dir():
+        raise InputError(f"{folder}: cannot be made; {folder.parent} is no folder")
+    with steps_shown("writing", len(entries), compiles=True) as advance:
+        for entry in entries:
+            inputs = export_entry(entry, folder, mcap)
+            say(f"{entry.name} {inputs}" if inputs else f"{entry.name}: the public recording {entry.row.recording}")
+            advance()
+
+
+@bench_app.command("score")
+def score(
+    name: SuiteName,
+    answers: Annotated[
+        list[Path],
+        typer.Argument(metavar="RESULTS...", help="Folders, one a program: ENTRY.csv or ENTRY.tum of each drive."),
+    ],
+    results: ResultsFile = Path("results.jsonl"),
+    robots: Robots = None,
+    first_robot: FirstRobot = None,
+    rows: OnlyRows = None,
+    quick: Quick = False,
+    workers: WorkerCount = 1,
+    dask: DaskAddress = None,
+) -> None:
+    """Score the poses that a program has written for exported inputs; the folder's name is the program's."""
+    from touchline.evaluation.workers import open_workers
+    from touchline.experiments.benchmark.runs import score_answers
+
+    of, entries = _entries(name, robots, first_robot, rows, quick)
+    for folder in answers:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: is no folder of results; expected one with ENTRY.csv or ENTRY.tum in it")
+        known = {path.stem for path in folder.iterdir() if path.suffix in (".csv", ".tum")}
+        chosen = [entry for entry in entries if entry.name in known]
+        if not chosen:
+            hint = f"expected names as {entries[0].name}.csv"
+            raise InputError(f"{folder}: holds no result of {of.name}; {hint}")
+        with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
+            _follow(score_answers(of, chosen, folder.resolve(), results, hands), len(chosen))
+        if len(chosen) < len(entries):
+            errors_console().print(f"{folder}: {len(chosen)} of {len(entries)} drives have a result", style="yellow")
+    _tell(of, results)
 
 
 @bench_app.command("points")
@@ -144,117 +250,6 @@ def _recording_table(scores: list[RecordingScore]) -> Table:
 def _table(rows: Sequence[Sequence[str]], *titles: str) -> Table:
     narrow = (title.replace(" (", "\n(") for title in titles)  # so that a recording's name has room
     return plain_table(*narrow, rows=rows, overflow="fold")
-
-
-# --- the open benchmark: suite, export, score -------------------------------------------------------------------------
-
-
-_QUICK = 10  # --quick takes one robot in so many
-
-SuiteName = Annotated[str, typer.Argument(metavar="SUITE", help="touchline-bench-1, or a suite's YAML file.")]
-Robots = Annotated[int | None, typer.Option(min=1, metavar="N", help="Robots of each row (default: the suite's, 30).")]
-FirstRobot = Annotated[
-    int | None,
-    typer.Option("--first-seed", min=0, metavar="N", help="First of them (default: those for judging, 100)."),
-]
-OnlyRows = Annotated[
-    list[str] | None, typer.Option("--rows", metavar="TEXT", help="Only rows whose name holds it; repeatable.")
-]
-ResultsFile = Annotated[
-    Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
-]
-Quick = Annotated[bool, typer.Option("--quick", help="A tenth of the robots.")]
-
-
-@bench_app.command("suite")
-def suite(
-    name: SuiteName,
-    system: Annotated[
-        list[str],
-        typer.Option("--system", metavar="NAME", help="A system; NAME:paper for its paper's form. Repeatable."),
-    ],
-    results: ResultsFile = Path("results.jsonl"),
-    robots: Robots = None,
-    first_robot: FirstRobot = None,
-    rows: OnlyRows = None,
-    quick: Quick = False,
-    workers: WorkerCount = 1,
-    dask: DaskAddress = None,
-) -> None:
-    """Run systems over a suite, score them, and keep every drive's figures in a file: an interrupted run goes on.
-
-    touchline bench suite touchline-bench-1 --system touchline --quick
-    """
-    from touchline.evaluation.workers import open_workers
-    from touchline.experiments.benchmark.runs import PAPER, run_suite
-    from touchline.systems import paper_settings, system_info
-
-    for each in system:
-        system_info(each.removesuffix(PAPER))
-        if each.endswith(PAPER):
-            paper_settings(each.removesuffix(PAPER))
-    of, entries = _entries(name, robots, first_robot, rows, quick)
-    with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
-        _follow(run_suite(of, entries, system, results, hands), len(entries))
-    _tell(of, results)
-
-
-@bench_app.command("export")
-def export(
-    name: SuiteName,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where the inputs go, a recording for each drive.")],
-    robots: Robots = None,
-    first_robot: FirstRobot = None,
-    rows: OnlyRows = None,
-    quick: Quick = False,
-    mcap: Annotated[bool, typer.Option("--mcap", help="Write each as an MCAP file, too (extra bags).")] = False,
-) -> None:
-    """Write a suite's inputs without truth, for any program: folders of CSV, and MCAP if asked."""
-    from touchline.experiments.benchmark.runs import export as export_entry
-
-    _, entries = _entries(name, robots, first_robot, rows, quick)
-    if not folder.parent.is_dir():
-        raise InputError(f"{folder}: cannot be made; {folder.parent} is no folder")
-    with steps_shown("writing", len(entries), compiles=True) as advance:
-        for entry in entries:
-            inputs = export_entry(entry, folder, mcap)
-            say(f"{entry.name} {inputs}" if inputs else f"{entry.name}: the public recording {entry.row.recording}")
-            advance()
-
-
-@bench_app.command("score")
-def score(
-    name: SuiteName,
-    answers: Annotated[
-        list[Path],
-        typer.Argument(metavar="RESULTS...", help="Folders, one a program: ENTRY.csv or ENTRY.tum of each drive."),
-    ],
-    results: ResultsFile = Path("results.jsonl"),
-    robots: Robots = None,
-    first_robot: FirstRobot = None,
-    rows: OnlyRows = None,
-    quick: Quick = False,
-    workers: WorkerCount = 1,
-    dask: DaskAddress = None,
-) -> None:
-    """Score the poses that a program has written for exported inputs; the folder's name is the program's."""
-    from touchline.evaluation.workers import open_workers
-    from touchline.experiments.benchmark.runs import score_answers
-
-    of, entries = _entries(name, robots, first_robot, rows, quick)
-    for folder in answers:
-        if not folder.is_dir():
-            raise InputError(f"{folder}: is no folder of results; expected one with ENTRY.csv or ENTRY.tum in it")
-        known = {path.stem for path in folder.iterdir() if path.suffix in (".csv", ".tum")}
-        chosen = [entry for entry in entries if entry.name in known]
-        if not chosen:
-            hint = f"expected names as {entries[0].name}.csv"
-            raise InputError(f"{folder}: holds no result of {of.name}; {hint}")
-        with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
-            _follow(score_answers(of, chosen, folder.resolve(), results, hands), len(chosen))
-        if len(chosen) < len(entries):
-            errors_console().print(f"{folder}: {len(chosen)} of {len(entries)} drives have a result", style="yellow")
-    _tell(of, results)
 
 
 def _entries(

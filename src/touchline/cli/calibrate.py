@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from touchline.calibration.range_pairs import RangePairs
     from touchline.calibration.range_regression import RangeRegression
 
+_UNSURE_PX = 1.5  # of the centre: ranges to one side are 3 % off then
+_BAD_SHARE = 0.03  # of the range: more than a pixel's worth anywhere on the table
+
 calibrate_app = typer.Typer(
     help="Calibrate the mirror, its ranges, a perspective camera, its IMU or the colours.", no_args_is_help=True
 )
@@ -60,6 +63,63 @@ def mirror(
 
 
 calibrate_app.command("lines")(calibrate_lines)
+
+
+@calibrate_app.command("range")
+def calibrate_range(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING|MARKS.csv",
+            help="A recording with marks.csv or of the calibration strip, or a file of marks.",
+        ),
+    ],
+    output: NewFile,
+    degree: Annotated[
+        int | None,
+        typer.Option(min=1, max=12, help="Degree of the polynomial (default: the highest up to 6 that rises)."),
+    ] = None,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml for MARKS.csv (default: the one beside it).")] = None,
+    picture: NewPicture = None,
+    skip_unusable: SkipUnusable = False,
+    handedness: Annotated[
+        int | None,
+        typer.Option(
+            metavar="1|-1", help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."
+        ),
+    ] = None,
+    keep_center: Annotated[
+        bool, typer.Option("--keep-center", help="Take the centre of camera.yaml though the marks can't tell it.")
+    ] = False,
+    follow_links: FollowLinks = False,
+) -> None:
+    """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
+    check_handedness(handedness)
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
+    pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
+    from touchline.calibration.marks import first_image
+    from touchline.calibration.range_regression import fit_range
+    from touchline.calibration.strip_recording import camera_yaml
+    from touchline.view.range_figure import range_figure
+
+    regression = fit_range(pairs, degree)
+    deviation_px = regression.center_deviation_px()
+    if deviation_px > _UNSURE_PX and not keep_center:
+        raise InputError(
+            f"{source}: the pairs can't tell whether the centre {pairs.optics.center[0]:.1f}, "
+            f"{pairs.optics.center[1]:.1f} px is right, and each pixel that it is off makes the ranges to one side too "
+            "long: mark three directions or more all around, or take it as it is with --keep-center"
+        )
+    words = regression_words(regression)
+    write_new_file(output, camera_yaml(regression.camera(continued=True), f"{words}\n{regression.formula()}").encode())
+    drawn = io.BytesIO()
+    optics = pairs.optics
+    seen = first_image(pairs.folder, pairs.files, (optics.width, optics.height), follow_links)
+    range_figure(regression, seen).savefig(drawn, dpi=130, format=picture.suffix.lower().removeprefix("."))
+    write_new_file(picture, drawn.getvalue())
+    print_lines(words, output, picture)
+
+
 calibrate_app.command("self")(calibrate_self)
 calibrate_app.command("camera")(calibrate_camera)
 calibrate_app.command("imu")(calibrate_imu)
@@ -128,68 +188,6 @@ def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
         f"Known from edges between {edges[0]:g} and {edges[-1]:g} m; continued from {camera.range_m[:, 0].min():.2f} "
         f"to {camera.range_m[:, -1].max():.1f} m.{hidden}"
     )
-
-
-# --- range ------------------------------------------------------------------------------------------------------------
-
-
-_UNSURE_PX = 1.5  # of the centre: ranges to one side are 3 % off then
-_BAD_SHARE = 0.03  # of the range: more than a pixel's worth anywhere on the table
-
-
-@calibrate_app.command("range")
-def calibrate_range(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RECORDING|MARKS.csv",
-            help="A recording with marks.csv or of the calibration strip, or a file of marks.",
-        ),
-    ],
-    output: NewFile,
-    degree: Annotated[
-        int | None,
-        typer.Option(min=1, max=12, help="Degree of the polynomial (default: the highest up to 6 that rises)."),
-    ] = None,
-    camera: Annotated[Path | None, typer.Option(help="camera.yaml for MARKS.csv (default: the one beside it).")] = None,
-    picture: NewPicture = None,
-    skip_unusable: SkipUnusable = False,
-    handedness: Annotated[
-        int | None,
-        typer.Option(
-            metavar="1|-1", help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."
-        ),
-    ] = None,
-    keep_center: Annotated[
-        bool, typer.Option("--keep-center", help="Take the centre of camera.yaml though the marks can't tell it.")
-    ] = False,
-    follow_links: FollowLinks = False,
-) -> None:
-    """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
-    check_handedness(handedness)
-    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
-    from touchline.calibration.marks import first_image
-    from touchline.calibration.range_regression import fit_range
-    from touchline.calibration.strip_recording import camera_yaml
-    from touchline.view.range_figure import range_figure
-
-    regression = fit_range(pairs, degree)
-    deviation_px = regression.center_deviation_px()
-    if deviation_px > _UNSURE_PX and not keep_center:
-        raise InputError(
-            f"{source}: the pairs can't tell whether the centre {pairs.optics.center[0]:.1f}, "
-            f"{pairs.optics.center[1]:.1f} px is right, and each pixel that it is off makes the ranges to one side too "
-            "long: mark three directions or more all around, or take it as it is with --keep-center"
-        )
-    words = regression_words(regression)
-    write_new_file(output, camera_yaml(regression.camera(continued=True), f"{words}\n{regression.formula()}").encode())
-    drawn = io.BytesIO()
-    optics = pairs.optics
-    seen = first_image(pairs.folder, pairs.files, (optics.width, optics.height), follow_links)
-    range_figure(regression, seen).savefig(drawn, dpi=130, format=picture.suffix.lower().removeprefix("."))
-    write_new_file(picture, drawn.getvalue())
-    print_lines(words, output, picture)
 
 
 def _pairs(
