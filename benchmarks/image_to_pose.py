@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from touchline.api import cpu_name
+from touchline.evaluation.latency import cpu_name
 from touchline.evaluation.runner import robot_setup
 from touchline.geometry import FloatArray
 from touchline.sources import open_source

@@ -18,6 +18,7 @@ import numpy as np
 from touchline.checks.slips import find_slips
 from touchline.config import PAPER, Settings, load_settings, preset_values, settings_tree
 from touchline.errors import InputError, TouchlineError
+from touchline.evaluation.latency import cpu_name
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
@@ -249,17 +250,6 @@ def checked_prior(prior: Prior, field: FieldModel) -> Prior:
             "whose centre is (0, 0)"
         )
     return Prior(Pose(x, y, wrap_angle(heading)), prior.own_half)
-
-
-def cpu_name() -> str:
-    """The processor's name, which every speed figure needs beside it."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass  # not Linux: what Python knows has to do
-    return platform.processor() or platform.machine()
 
 
 def _notices(source: Recording, info: SystemInfo) -> tuple[str, ...]:

@@ -1,6 +1,8 @@
 """Time spent per frame, in constant memory: counts in logarithmic bins instead of every value."""
 
 import math
+import platform
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -92,3 +94,14 @@ def _histograms() -> dict[str, LatencyHistogram]:
 def milliseconds(value_ms: float) -> str:
     """A duration with three digits that matter: 0.0123, 2.36, 1510."""
     return f"{value_ms:.0f}" if value_ms >= 100.0 else f"{value_ms:.3g}"
+
+
+def cpu_name() -> str:
+    """The processor's name, which every speed figure needs beside it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass  # not Linux: what Python knows has to do
+    return platform.processor() or platform.machine()

@@ -17,6 +17,7 @@ import numpy as np
 
 import touchline
 from touchline.errors import InputError
+from touchline.evaluation.latency import cpu_name
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.workers import Workers
 from touchline.experiments.benchmark.exchange import read_answers, read_start, track_of_answers, write_inputs
@@ -176,15 +177,12 @@ def about(suite: Suite) -> dict[str, Any]:
 
     versions = {"touchline": touchline.__version__, "python": platform.python_version()}
     versions |= {"numpy": np.__version__, "scipy": scipy.__version__}
-    return {"suite": suite.name, "commit": commit(), "versions": versions, "machine": machine()}
-
-
-def machine() -> str:
-    """The processor and how many of its cores there are."""
-    info = Path("/proc/cpuinfo")
-    names = [line for line in text_lines(info) if line.startswith("model name")] if info.exists() else []
-    name = names[0].partition(":")[2].strip() if names else platform.processor()
-    return f"{name}, {os.cpu_count()} cores"
+    return {
+        "suite": suite.name,
+        "commit": commit(),
+        "versions": versions,
+        "machine": f"{cpu_name()}, {os.cpu_count()} cores",
+    }
 
 
 def commit() -> str:

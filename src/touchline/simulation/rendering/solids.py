@@ -18,7 +18,7 @@ from numba import njit
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.simulation.rendering.casting import BINS, SECTORS
-from touchline.simulation.world.world import PAINTS, BallActor, Block, Colour, RobotActor, robot_blocks
+from touchline.simulation.world.world import PAINTS, BallActor, Block, BlockKind, Colour, RobotActor, robot_blocks
 
 CYLINDER, BOX, BALL, NET = 0, 1, 2, 3
 KIND, X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BOTTOM, TOP, RADIUS, COLOUR, BANDS, DECAL = range(13)
@@ -62,7 +62,7 @@ def field_blocks(field: FieldModel) -> list[Block]:
     blocks = []
     for goal in field.goals:
         colour = PAINTS.get(goal.color, PAINTS["white"])
-        kind = "cylinder" if goal.post_shape == "round" else "box"
+        kind: BlockKind = "cylinder" if goal.post_shape == "round" else "box"
         low, high, width = min(goal.y_posts), max(goal.y_posts), goal.post_width
         for y in goal.y_posts:
             blocks.append(Block(kind, goal.x, y, 0.0, width, width, 0.0, goal.height, (colour,)))

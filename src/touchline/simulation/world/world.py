@@ -6,12 +6,14 @@ Field frame, metres, radians. Colours are linear reflectances red, green, blue i
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.simulation.world.lights import Lights
 
 Colour = tuple[float, float, float]
+BlockKind = Literal["box", "cylinder"]
 
 PAINTS: dict[str, Colour] = {
     "white": (0.925, 0.87, 0.735),
@@ -55,7 +57,7 @@ class Block:
     bands: colours from the bottom up in equal bands; one colour for a plain block.
     """
 
-    kind: str
+    kind: BlockKind
     x: float
     y: float
     heading: float
@@ -65,12 +67,6 @@ class Block:
     top: float
     bands: tuple[Colour, ...]
     decal: Colour | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("box", "cylinder"):
-            raise InputError(f"clutter: a block is a box or a cylinder, not '{self.kind}'")
-        if not (self.length > 0.0 and self.width > 0.0 and self.bottom < self.top and self.bands):
-            raise InputError(f"clutter at {self.x}, {self.y}: its sizes are no body")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +83,7 @@ class RobotActor:
     height: float = 0.80
     body_colour: Colour = PAINTS["dark"]
     marker_colour: Colour = PAINTS["magenta"]
-    shape: str = "msl"
-
-    def __post_init__(self) -> None:
-        if self.shape not in ("msl", "humanoid", "person"):
-            raise InputError(f"robot: shape is msl, humanoid or person, not '{self.shape}'")
-        if not (self.radius > 0.0 and self.height > 0.0):
-            raise InputError(f"robot at {self.x}, {self.y}: radius and height are positive")
+    shape: Literal["msl", "humanoid", "person"] = "msl"
 
 
 @dataclass(frozen=True, slots=True)
