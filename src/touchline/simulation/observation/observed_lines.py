@@ -19,6 +19,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import HsvLineSettings, LinePointSettings, hsv_lines
 from touchline.perception.line_points import BLUR_PX, COARSEST_PX_M, NOISE_M, STEEPEST_CROSSING
+from touchline.perception.scan_lines import usable_radius
 from touchline.simulation.observation.crossings import (
     COLUMNS,
     Ground,
@@ -101,7 +102,7 @@ class ObservedLines:
         self.view_rad = view_rad
         self._scales = _scale_table(camera)
         read_with = camera if as_built is None or as_built.known is None else as_built.known
-        outer_px = min(_farthest_radius(each, COARSEST_PX_M) for each in (camera, *((read_with,) * paths.own_ranges)))
+        outer_px = min(usable_radius(each, COARSEST_PX_M) for each in (camera, *((read_with,) * paths.own_ranges)))
         self._rays, self._circles = _scan_geometry(camera, paths, view_rad, outer_px)
         n, width = self.noise, field.line_width
         limits = (width, paths.max_chord, BLUR_PX, n.bridged_px, n.apart_px)
@@ -308,13 +309,6 @@ def _scan_geometry(
     radii = np.linspace(inner, outer, paths.circles + 2)[1:-1]
     ranges = np.interp(radii, camera.radius_px, camera.range_m.mean(axis=0))
     return np.ascontiguousarray(rays[turned <= view_rad]), np.column_stack((ranges, radii))
-
-
-def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
-    """The radius (px) beyond which the detector does not look: a pixel there is longer than coarsest_px_m."""
-    too_coarse = np.flatnonzero(np.diff(camera.range_m, axis=1).max(axis=0) > coarsest_px_m * np.diff(camera.radius_px))
-    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
-    return float(min(limit, camera.outer_radius_px))
 
 
 @njit(cache=True, error_model="numpy")
