@@ -16,6 +16,7 @@ from touchline.errors import InputError
 from touchline.geometry import Pose
 from touchline.live.game_controller import GameController, WithGameController
 from touchline.live.heard import Heard, Published
+from touchline.live.state_file import StateFile, prior_of, resume
 from touchline.localizer import Localizer
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
@@ -230,3 +231,44 @@ def test_a_simulated_match_is_recorded_with_its_referee(tmp_path: Path) -> None:
     assert not all(state.first_half for state in said)
     assert main(["convert", str(tmp_path / "match"), str(tmp_path / "match.mcap")]) == 0
     assert [state for one in open_source(tmp_path / "match.mcap") for state in one.game] == said
+
+
+def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path) -> None:
+    """Told its end once, killed in play, a second process finds its pose and its end with the first images."""
+    place, path = Pose(2.0, 1.0, 0.3), tmp_path / "robot.json"
+    assert "from now on" in resume(path, Localizer("msl-18x12"))
+    first = Localizer("msl-18x12")
+    first.reset(place)
+    kept = StateFile(path, first)
+    for k in range(1, 5):
+        kept.take(first.localize(100_000_000 * k, points=seen(place, k)))
+    assert [one.name for one in tmp_path.iterdir()] == ["robot.json"]
+    second = Localizer("msl-18x12")
+    assert "goes on from 0 s ago, x 2.0" in resume(path, second)
+    walked_on = Pose(2.6, 1.3, 0.6)
+    found = [second.localize(100_000_000 * k, points=seen(walked_on, k)) for k in range(50, 60)]
+    tracked = [estimate for estimate in found if estimate.status is Status.TRACKING]
+    assert len(tracked) >= 5
+    assert all(errors(estimate, walked_on)[0] < 0.1 for estimate in tracked)
+    assert (tracked[-1].end_probability or 0.0) > 0.9
+    assert second.camera_errors is not None
+
+
+def test_the_older_a_state_is_the_less_it_tells() -> None:
+    known = [{"pose": [1.0, 2.0, 0.3], "covariance": np.diag([0.01, 0.01, 0.001]).tolist(), "probability": 0.98}]
+    young, old = prior_of(known, 2.0), prior_of(known, 1800.0)
+    assert young.rest < 0.2 < 0.8 < old.rest
+    stood, went_on = young.poses
+    assert stood.covariance[0, 0] < 0.02
+    assert 0.5 < math.sqrt(went_on.covariance[0, 0]) < 1.0
+
+
+def test_a_state_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "robot.json"
+    for text in ("", "{}", '{"field": "msl-18x12", "unix_s": 0, "poses": [3], "camera_errors": null}', "[" * 100_000):
+        path.write_text(text)
+        with pytest.raises(InputError, match="is no state of"):
+            resume(path, Localizer("msl-18x12"))
+    with pytest.raises(InputError, match="cannot be written"):
+        resume(tmp_path / "nowhere" / "robot.json", Localizer("msl-18x12"))
+    assert main(["live", "--field", "msl-18x12", "--seconds", "0", "--state", str(path)]) == 2

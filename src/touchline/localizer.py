@@ -268,6 +268,30 @@ class Localizer:
                 self._prior, self._last = prior, None
 
     @property
+    def camera_errors(self) -> list[list[float]] | None:
+        """What the system has learned of how the camera differs from camera.yaml: the errors (K,) and, below, their
+        covariance (K, K), for `resume`; None where it learns nothing.
+        """
+        learned = getattr(self.system, "camera_errors", None)
+        return None if learned is None else [learned[0].tolist(), *learned[1].tolist()]
+
+    def resume(self, prior: Prior, camera_errors: Sequence[Sequence[float]] | None = None) -> None:
+        """Start where the robot was before its program ended: weighted poses, and what was learned of the camera.
+
+        Raises InputError for errors of another camera. Systems but touchline take the likeliest pose alone.
+        """
+        with self._stepping, self._predicting:
+            recall = getattr(self.system, "recall_camera", None)
+            if recall is not None and camera_errors:
+                recall(np.array(camera_errors[0], dtype=np.float64), np.array(camera_errors[1:], dtype=np.float64))
+            if recall is None and prior.poses:
+                best = max(prior.poses, key=lambda one: one.weight)
+                prior = Prior(best.pose, covariance=best.covariance)
+            self._system.reset(prior)
+            self._ahead.clear()
+            self._prior, self._last = prior, None
+
+    @property
     def problems(self) -> dict[str, int]:
         """What was wrong with the robot's data so far, and how often."""
         return dict(self._counts.so_far())

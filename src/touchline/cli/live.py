@@ -97,6 +97,10 @@ def live(
     ] = False,
     team: Annotated[int | None, typer.Option(min=0, max=255, help="Number of its team: penalties count.")] = None,
     player: Annotated[int | None, typer.Option(min=1, max=20, help="Its number in the team.")] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Keep there once a second what is known; go on from there at the start."),
+    ] = None,
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
@@ -130,6 +134,10 @@ def live(
     others = {other: info.settings for other, info in SYSTEMS.items() if other != name}
     chosen = load_settings(system_info(name).settings, config, settings or (), elsewhere=others)
     localizer = Localizer(field, camera, name, _pair(wheels, "--wheels"), chosen)
+    if state is not None:
+        from touchline.live.state_file import resume
+
+        errors_console().print(resume(state, localizer))
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
@@ -167,7 +175,8 @@ def live(
         announce_compiling(console.print),
         interruptible() as stop,
     ):
-        loop = LiveLoop(link, localizer, shown.take, team_evidence)
+        on_published = shown.take if state is None else _kept_in(state, localizer, shown.take)
+        loop = LiveLoop(link, localizer, on_published, team_evidence)
         silence = _Silence(loop, link, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
     refused = link.refused
@@ -181,6 +190,19 @@ def _with_camera(link: Link, device: str) -> Link:
     from touchline.sources.uvc_camera import UvcCamera
 
     return WithCamera(link, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
+
+
+def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]) -> Callable[[Published], None]:
+    """Shows an estimate, and keeps it."""
+    from touchline.live.state_file import StateFile
+
+    kept = StateFile(path, localizer)
+
+    def take(published: Published) -> None:
+        show(published)
+        kept.take(published.estimate)
+
+    return take
 
 
 def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mapping[str, object]) -> None:

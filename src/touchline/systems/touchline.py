@@ -179,6 +179,16 @@ class Touchline:
         if prior.poses:
             self.join(prior)
 
+    @property
+    def camera_errors(self) -> tuple[FloatArray, FloatArray]:
+        """What it has learned of the camera (K,), and the covariance (K, K) of that."""
+        known = self.bank.knowing
+        return known.errors, known.error_covariance
+
+    def recall_camera(self, errors: FloatArray, covariance: FloatArray) -> None:
+        """Begin with what was learned of this camera before. Raises InputError for errors of another one."""
+        self.bank.start.recall(errors, covariance)
+
     def join(self, prior: Prior) -> None:
         """Take what has happened to the robot: it may stand elsewhere by now."""
         best = self.bank.best

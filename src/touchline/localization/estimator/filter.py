@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.filter_kernels import (
     correction,
@@ -30,6 +31,7 @@ SCALE_DRIFT = 0.001  # change of the odometry's scales in the root of a second: 
 YAW_RATE_DRIFT = 0.0001  # of the odometry's drift of heading (rad/s) in the root of a second, as of a gyro's bias
 DELAY_DRIFT_S = 0.001  # change of the delay in the root of a second: other loads of the computer
 MIN_DELAY_S, MAX_DELAY_S = -0.1, 0.4  # that are looked for
+MAX_RECALLED_Z = 5.0  # standard deviations of its prior from which a recalled error is of another camera
 _POSE, _SCALES = np.arange(3), np.arange(3, 6)
 _NO_ERRORS = np.zeros((0, 0))
 _YAW_RATE, _DELAY, _ERRORS = 6, 7, 8  # the errors are all states from there on
@@ -112,6 +114,15 @@ class Filter:
         other._joint[3:, 3:] = self._joint[3:, 3:]
         other._drift2 = self._drift2
         return other
+
+    def recall(self, errors: FloatArray, covariance: FloatArray) -> None:
+        """Take errors (K,) of the camera with their covariance (K, K), learned before. Raises InputError for others."""
+        prior = self.initial.errors
+        if covariance.shape != prior.shape or errors.shape != prior.shape[:1] or not np.isfinite(covariance).all():
+            raise InputError(f"{len(errors)} learned errors of a camera that has {len(prior)}")
+        if len(errors) and (np.abs(errors) > MAX_RECALLED_Z * np.sqrt(np.diag(prior))).any():
+            raise InputError("learned errors beyond what camera.yaml leaves open: of another camera")
+        self.errors, self._joint[_ERRORS:, _ERRORS:] = errors, covariance
 
     def mirrored(self) -> Filter:
         """The filter of the other end of a symmetric field."""

@@ -1,0 +1,89 @@
+"""What a robot knew, kept in a file while it plays, so that a process that was killed goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray, Pose
+from touchline.localizer import Localizer
+from touchline.types import Estimate, Prior, Status, WeightedPose
+
+EVERY_S = 1.0
+MAX_AGE_S = 3600.0  # from which it tells nothing of the pose
+SPEED_M_S, TURN_RAD_S = 0.4, 0.6  # of a robot that went on, and rested, while nothing was localised
+MAX_DEVIATION_M, MAX_DEVIATION_RAD = 4.0, math.pi
+STOOD, WENT_ON, STILL_THERE_S = 0.5, 0.4, 900.0  # weights at once; the time after which it was rather carried off
+BLURRED = np.diag(np.square([0.05, 0.05, 0.03]))
+MAX_POSES = 4
+
+
+class StateFile:
+    """Writes what is tracked once a second. The file is always whole: it is replaced, never written over."""
+
+    def __init__(self, path: Path, localizer: Localizer) -> None:
+        self._path, self._localizer, self._written_s = path, localizer, -math.inf
+
+    def take(self, estimate: Estimate) -> None:
+        """Keep an estimate, if it is tracked and a second has passed; a disk that is full stops no robot."""
+        now_s = time.monotonic()
+        if estimate.status is not Status.TRACKING or now_s - self._written_s < EVERY_S:
+            return
+        self._written_s = now_s
+        each = [(estimate.pose, estimate.covariance, estimate.probability or 0.99)]
+        each += [(o.pose, o.covariance, o.probability) for o in estimate.hypotheses if o.covariance is not None]
+        known = sorted(((p, c, w) for p, c, w in each if w), key=lambda one: -one[2])[:MAX_POSES]
+        state = {
+            "field": self._localizer.field.name,
+            "unix_s": time.time(),
+            "poses": [{"pose": list(p), "covariance": np.asarray(c).tolist(), "probability": w} for p, c, w in known],
+            "camera_errors": self._localizer.camera_errors,
+        }
+        beside = self._path.with_name(f".{self._path.name}.{os.getpid()}")
+        with suppress(OSError):
+            beside.write_text(json.dumps(state))
+            beside.replace(self._path)
+
+
+def resume(path: Path, localizer: Localizer) -> str:
+    """Start a localizer where the file says that the robot was; what is to be said of it.
+
+    Raises InputError for a file that is none, or can't be written; one that is not there begins with nothing.
+    """
+    if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+        raise InputError(f"--state {path}: cannot be written")
+    try:
+        state = json.loads(path.read_text())
+        age_s = max(time.time() - float(state["unix_s"]), 0.0)
+        same, errors = state["field"] == localizer.field.name, state["camera_errors"]
+        prior = prior_of(state["poses"], age_s)
+    except FileNotFoundError:
+        return f"{path}: written from now on"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(f"--state {path}: is no state of `touchline live` ({error}); delete it") from None
+    if not same or age_s > MAX_AGE_S:
+        return f"{path}: of another field or more than an hour old; begins with nothing"
+    localizer.resume(prior, errors)
+    return f"{path}: goes on from {age_s:.0f} s ago, x {prior.poses[0].pose.x:.2f} m, y {prior.poses[0].pose.y:.2f} m"
+
+
+def prior_of(poses: list[dict[str, Any]], age_s: float) -> Prior:
+    """The robot stands where it was, went on, or was carried off: the longer ago, the likelier."""
+    there = math.exp(-age_s / STILL_THERE_S)
+    position_m, turn = min(SPEED_M_S * age_s, MAX_DEVIATION_M), min(TURN_RAD_S * age_s, MAX_DEVIATION_RAD)
+    moved: FloatArray = np.diag(np.square([position_m, position_m, turn]))
+    found: list[WeightedPose] = []
+    for one in poses[:MAX_POSES]:
+        covariance = np.reshape(np.array(one["covariance"], dtype=np.float64), (3, 3)) + BLURRED
+        for share, spread in ((STOOD, 0.0), (WENT_ON, 1.0)):
+            weight = min(float(one["probability"]), 1.0) * share * there
+            found.append(WeightedPose(Pose(*map(float, one["pose"])), covariance + spread * moved, weight))
+    return Prior(poses=tuple(found))
