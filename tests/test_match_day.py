@@ -14,6 +14,7 @@ from test_touchline_system import FIELD, errors, frame, seen
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose
+from touchline.live.datagrams import Datagrams
 from touchline.live.game_controller import GameController, WithGameController
 from touchline.live.heard import Heard, Published
 from touchline.live.state_file import StateFile, prior_of, resume
@@ -25,7 +26,7 @@ from touchline.sources import open_source
 from touchline.systems import RobotSetup
 from touchline.systems.game_states import Referee, game_prior
 from touchline.systems.touchline import Touchline, TouchlineSettings
-from touchline.types import Estimate, Frame, GameState, Prior, Samples, Status, WeightedPose
+from touchline.types import Estimate, Evidence, Frame, GameState, Prior, Samples, Status, WeightedPose
 
 # teams 5 and 12; PLAYING (3) in the first half; player 2 of team 12 has the penalty named, 33 s and its cards
 HEAD = "52476d65 %s 2a 05 00 00 00 03 00 01 0c 58 02 f6 ff"
@@ -272,3 +273,51 @@ def test_a_state_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
         resume(tmp_path / "nowhere" / "robot.json", Localizer("msl-18x12"))
     assert main(["live", "--field", "msl-18x12", "--seconds", "0", "--state", str(path)]) == 2
+
+
+def made_up(names: int, k: int, place: Pose) -> tuple[Evidence, ...]:
+    x, y, _ = place.mirrored()
+    half = [Evidence(f"no {n} {k}", 0.99, own_half=x < 0.0, known=False) for n in range(names)]
+    return (*half, *(Evidence(f"nobody {n}", 0.999, place_m=(x, y), known=False) for n in range(names)))
+
+
+@pytest.mark.parametrize("names", [5, 200])
+def test_no_number_of_unknown_names_turns_a_pose(names: int) -> None:
+    place = Pose(2.0, 1.0, 0.3)
+    system = started(place)
+    for k in range(4, 60):
+        estimate = system.step(replace(frame(k, seen(place, k)), evidence=made_up(names, k, place)))
+        assert errors(estimate, place)[0] < 0.1
+        assert estimate.status is Status.TRACKING
+    assert len(system.end._said) <= 50
+    mate = Evidence("the keeper", 0.999, own_half=False)
+    ball = Evidence("the ball", 0.99, own_half=False)
+    twin = started(place.mirrored())
+    turned = [twin.step(replace(frame(k, seen(place, k)), evidence=(mate, ball))) for k in range(4, 60)]
+    assert errors(turned[-1], place)[0] < 0.1  # but two who are known correct a wrong start
+
+
+def test_a_message_counts_once_and_a_sender_does_not_fill_the_queue() -> None:
+    localizer = Localizer("msl-18x12")
+    for message in (1, 1, 2, 2):
+        localizer.add_evidence("mate", 0.9, own_half=True, message=message)
+    assert [one.message for one in localizer._said] == [1, 2]
+    for k in range(500):
+        localizer.add_evidence(f"flood {k}", 0.99, own_half=False, known=False)
+    for _ in range(9):
+        localizer.add_evidence("keeper", 0.9, own_half=True)
+    sources = [one.source for one in localizer._said]
+    assert (len(sources), sources.count("keeper"), sources.count("mate")) == (100, 4, 2)
+
+
+def test_datagrams_of_the_team_and_the_referee() -> None:
+    said = Datagrams().read(b'{"kind": "evidence", "source": "mate", "own_half": true, "message": 7}')
+    assert isinstance(said, Evidence)
+    assert said.message == 7
+    state = Datagrams().read(b'{"kind": "game_state", "stamp_ns": 5, "phase": "set", "penalty": "pushing"}')
+    assert state == GameState(5, "set", "pushing")
+    wrong = Datagrams()
+    for text in (b'"phase": "half"', b'"phase": "set", "penalty": 3', b'"phase": "set", "first_half": "yes"'):
+        assert wrong.read(b'{"kind": "game_state", "stamp_ns": 5, ' + text + b"}") is None
+    assert wrong.read(b'{"kind": "evidence", "source": "mate", "own_half": true, "message": "7"}') is None
+    assert sum(wrong.refused.values()) == 4

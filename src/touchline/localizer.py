@@ -14,6 +14,7 @@ import operator
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -50,7 +51,7 @@ from touchline.types.drawing import estimate_html, estimate_marks
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MAX_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
-_MAX_EVIDENCE = 100  # that waits for an image
+_MAX_EVIDENCE, _MAX_OF_SOURCE = 100, 4  # that wait for an image: of all, and of one source
 _MAX_STAMP_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
@@ -109,6 +110,7 @@ class Localizer:
         self._told: Counter[str] = Counter()
         self._pending = _Queue()
         self._said: deque[Evidence] = deque(maxlen=_MAX_EVIDENCE)
+        self._messages: dict[str, int] = {}  # the newest one of each of the others
         self._states: deque[GameState] = deque(maxlen=_MAX_EVIDENCE)
         self._stepping = threading.Lock()
         # A second history of the same samples predicts poses between images, so that the system's own is left alone.
@@ -154,12 +156,27 @@ class Localizer:
         source: who says it. probability: that it is true. says: own_half (True or False); or place_m (x, y, field
         frame) of the robot, or of what it sees at seen_m (x, y, robot frame), give or take spread_m; see `Evidence`.
         Systems that follow both ends of the field weigh it: who is alone turns no pose at once, nor against a compass.
+        known: whether it is sure who says it; what all others say counts as one voice. message: its number, where a
+        repeated one shall count once.
         """
         try:
             said = Evidence(str(source), probability, **says)
         except (InputError, TypeError):
             self._counts.add("evidence: is none, left out")
             return
+        waiting = list(self._said)
+        if said.message is not None and self._messages.get(said.source) == said.message:
+            return
+        if said.message is not None and (said.source in self._messages or len(self._messages) < _MAX_EVIDENCE):
+            self._messages[said.source] = said.message
+        same = [one for one in waiting if one.source == said.source]
+        old = same if len(same) >= _MAX_OF_SOURCE else [one for one in waiting if not one.known and said.known]
+        if len(same) >= _MAX_OF_SOURCE or len(waiting) >= _MAX_EVIDENCE:
+            self._counts.add("evidence: more than can be taken until the next image, left out")
+            if not old:
+                return
+            with suppress(ValueError):  # the next image has just taken it
+                self._said.remove(old[0])
         self._said.append(said)
 
     def add_game_state(self, stamp_ns: int, phase: str, penalty: str = "", first_half: bool = True) -> None:

@@ -92,6 +92,10 @@ def live(
     team_evidence: Annotated[
         bool, typer.Option("--team-evidence", help="What others say of where the robot is counts; anybody may say it.")
     ] = False,
+    mates: Annotated[
+        list[str] | None,
+        typer.Option("--mate", metavar="NAME", help="Of --team-evidence: who is known; all others are one voice."),
+    ] = None,
     game_controller: Annotated[
         bool, typer.Option("--game-controller", help="Listen to the referee (UDP 3838); nothing is sent.")
     ] = False,
@@ -124,6 +128,8 @@ def live(
     _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros)
     if (dds or network) and rclpy:
         raise InputError(f"{'--dds' if dds else '--network'} --rclpy: ROS itself carries the messages then")
+    if mates and not team_evidence:
+        raise InputError("--mate: counts only with --team-evidence")
     if (team is None) != (player is None) or (team is not None and not game_controller):
         raise InputError("--team and --player belong together, and to --game-controller")
     namespace = _as_namespace(namespace)
@@ -176,7 +182,7 @@ def live(
         interruptible() as stop,
     ):
         on_published = shown.take if state is None else _kept_in(state, localizer, shown.take)
-        loop = LiveLoop(link, localizer, on_published, team_evidence)
+        loop = LiveLoop(link, localizer, on_published, team_evidence, mates or ())
         silence = _Silence(loop, link, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
     refused = link.refused

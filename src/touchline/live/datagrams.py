@@ -9,7 +9,9 @@ To Touchline (stamps in ns of the robot's clock; m, rad; the robot's or the fiel
     {"kind": "seen", "stamp_ns": 1, "rows": [{"kind": "L", "x_m": 1, ...}, ...]}   as the rows of observations.csv
     {"kind": "start", "pose": [x, y, theta], "covariance": [9 numbers]}   or "own_half": true, or nothing
     {"kind": "evidence", "source": "mate", "probability": 0.9, "place_m": [x, y], "seen_m": [x, y], "spread_m": 0.5}
-                                                                      or "own_half": true or false instead of places
+                                                                      or "own_half": true or false instead of places;
+                                                                      "message": 7, its number: repeated, it counts once
+    {"kind": "game_state", "stamp_ns": 1, "phase": "playing", "penalty": "", "first_half": true}
 
 From Touchline:
 
@@ -36,7 +38,7 @@ from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.heard import SENSORS, Heard, Published, Reading, Sight, Start, count_refused
 from touchline.sources.observations import HEADER, observation_of, observation_rows
-from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, Observation, points_at
+from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, GameState, Observation, points_at
 
 PART_BYTES = 48_000  # behind the line of one datagram, which holds 65,507 at most
 MAX_PARTS = 200
@@ -87,6 +89,11 @@ class Datagrams:
             return _start(message)
         if kind == "evidence":
             return _evidence(message)
+        if kind == "game_state":
+            phase, penalty, first_half = (message.get(key) for key in ("phase", "penalty", "first_half"))
+            if type(penalty) not in (str, type(None)) or type(first_half) not in (bool, type(None)):
+                raise InputError("a game state whose penalty is no text, or whose first_half is neither true nor false")
+            return GameState(_stamp(message), str(phase), (penalty or "")[:100], first_half is not False)
         raise InputError("of no kind that is known")
 
     def _image(self, message: Mapping[str, Any], behind: bytes) -> Heard | None:
@@ -181,7 +188,8 @@ def _start(message: Mapping[str, Any]) -> Start:
 
 
 def _evidence(message: Mapping[str, Any]) -> Evidence:
-    unknown = set(message) - {"kind", "source", "probability", "own_half", "place_m", "seen_m", "spread_m", "stamp_ns"}
+    fields = {"kind", "source", "probability", "own_half", "place_m", "seen_m", "spread_m", "stamp_ns", "message"}
+    unknown = set(message) - fields
     if unknown or not isinstance(message["source"], str):
         raise InputError("evidence that says something else, or not by whom")
     places = {key: _numbers(message[key], 2) for key in ("place_m", "seen_m") if message.get(key) is not None}
@@ -190,7 +198,11 @@ def _evidence(message: Mapping[str, Any]) -> Evidence:
     own_half = message.get("own_half")
     if own_half not in (None, True, False):
         raise InputError("evidence whose own_half is neither true nor false")
-    return Evidence(message["source"][:100], own_half=own_half, **places, **numbers)  # type: ignore[arg-type]
+    number = message.get("message")
+    if number is not None and type(number) is not int:
+        raise InputError("evidence whose message is no whole number")
+    said: dict[str, Any] = {**places, **numbers}
+    return Evidence(message["source"][:100], own_half=own_half, message=number, **said)
 
 
 def _stamp(message: Mapping[str, Any]) -> int:

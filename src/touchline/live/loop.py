@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from operator import itemgetter
 from statistics import median
 
@@ -40,12 +40,13 @@ class LiveLoop:
         localizer: Localizer,
         on_published: Callable[[Published], None] = lambda published: None,
         team_evidence: bool = True,
+        mates: Collection[str] = (),
     ) -> None:
         """on_published: called with every estimate of an image, by the thread that localises.
 
-        team_evidence: what others say by the link counts.
+        team_evidence: what others say by the link counts. mates: who of them is known; all the rest is one voice.
         """
-        self._team_evidence = team_evidence
+        self._team_evidence, self._mates = team_evidence, frozenset(mates)
         self._link, self._localizer, self._on_published = link, localizer, on_published
         self._adds: dict[str, Callable[..., None]] = {
             "odometry": localizer.add_odometry,
@@ -95,8 +96,9 @@ class LiveLoop:
         elif isinstance(heard, Evidence) and not self._team_evidence:
             self.counts["evidence"] += 1
         elif isinstance(heard, Evidence):
-            said = {name: getattr(heard, name) for name in ("own_half", "place_m", "seen_m", "spread_m")}
-            self._localizer.add_evidence(heard.source, heard.probability, **said)
+            said = {name: getattr(heard, name) for name in ("own_half", "place_m", "seen_m", "spread_m", "message")}
+            known = heard.source in self._mates
+            self._localizer.add_evidence(heard.source, heard.probability, **said, known=known)
         else:
             with self._changed:
                 self.counts["images"] += 1

@@ -10,12 +10,14 @@ from touchline.sources.bags import roles
 
 TRANSFORMS, FIRST_POSE, SAID, CLOCK = "tf", "initialpose", "said", "clock"  # roles beside those of bags
 EVIDENCE_TOPIC, WHEELS_TOPIC, SEEN_TOPIC = "/touchline/evidence", "/touchline/wheels", "/touchline/seen"
+GAME_TOPIC = "/touchline/game_state"
 FIXED_TOPICS = {
     "/tf": TRANSFORMS,
     "/tf_static": TRANSFORMS,
     "/initialpose": FIRST_POSE,
     "/clock": CLOCK,
     EVIDENCE_TOPIC: SAID,
+    GAME_TOPIC: SAID,
     WHEELS_TOPIC: SAID,
     SEEN_TOPIC: SAID,
 }

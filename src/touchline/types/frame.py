@@ -60,7 +60,8 @@ class Evidence:
 
     source: who says it, which the estimate names if it turns the pose. probability: that it is true. Either the half:
     own_half; or a place: what the robot sees at seen_m (x, y, robot frame; itself by default) is at place_m (x, y,
-    field frame), give or take spread_m, a standard deviation.
+    field frame), give or take spread_m, a standard deviation. known: whether it is known who says it; all others count
+    together no more than one who may lie. message: its number; a source that repeats one counts once.
     Raises InputError for neither or both, and for what is no probability or no place.
     """
 
@@ -70,6 +71,8 @@ class Evidence:
     place_m: tuple[float, float] | None = None
     seen_m: tuple[float, float] = (0.0, 0.0)
     spread_m: float = 0.5
+    known: bool = True
+    message: int | None = None
 
     def __post_init__(self) -> None:
         (probability,) = given_numbers("evidence: probability", "a number between 0 and 1", [self.probability], 1)

@@ -328,10 +328,13 @@ class Bank:
         self._settle(self.members)
 
     def _update_from_team(self, evidence: Sequence[Evidence]) -> None:
-        """Weigh the members by the evidence of others, a pose and its twin alike."""
-        for one, said in itertools.product(self.members, evidence):
+        """Weigh the members by the evidence of others, a pose and its twin alike; all who are unknown count as one."""
+        for one in self.members:
             ends = (one.filter.pose, one.filter.pose.mirrored())
-            one.log_odds += max(said.log_likelihood(end) for end in ends) / REPEATED_IMAGES
+            each = [(max(said.log_likelihood(end) for end in ends), said.known) for said in evidence]
+            unknown = [gain for gain, known in each if not known]
+            gain = sum(gain for gain, known in each if known) + (sum(unknown) / len(unknown) if unknown else 0.0)
+            one.log_odds += gain / REPEATED_IMAGES
         if evidence:
             self._settle(self.members)
 

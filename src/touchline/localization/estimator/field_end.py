@@ -24,6 +24,9 @@ MAX_COLOUR_GAIN = 4.0  # of one image: what is taken for a post may be somebody 
 MAX_COLOUR_LOG_ODDS = 12.0  # so that a belief of minutes is given up within four images against it
 MEMORY_S = 2.0  # time over which others have to repeat their evidence, so that a moment's fault counts little
 FORGET_S = 10.0  # after which evidence that is not repeated has lost most of its weight
+MAX_OF_SOURCE = 7.0  # log-odds of one of the others, however sure it says it is: more than an operator's, so that two
+MAX_OF_UNKNOWN = 3.0  # known ones correct a wrong start; of all who are unknown together: less than any start
+MAX_SOURCES = 50
 FIRST_SHARE = 0.25  # of a source's first evidence that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
 CLEAR = 3.0  # log-odds, without the prior, from which the end is confirmed
@@ -64,6 +67,7 @@ class FieldEnd:
         self.colours = 0.0
         self._said: dict[str, float] = {}
         self._silent_s: dict[str, float] = {}
+        self._known: set[str] = set()
         self._jumping = 0
         self._support: int | None = None
         self.undecided = False
@@ -126,9 +130,23 @@ class FieldEnd:
         self._silent_s = {source: silent_s + seconds for source, silent_s in self._silent_s.items()}
         for one in evidence:
             gain = one.log_likelihood(pose) - one.log_likelihood(pose.mirrored())
+            gain = min(max(gain, -MAX_OF_SOURCE), MAX_OF_SOURCE)
+            if one.source not in self._said and len(self._said) >= MAX_SOURCES:
+                self._forget_source(one.known)
+            if one.source not in self._said and len(self._said) >= MAX_SOURCES:
+                continue
+            if one.known:
+                self._known.add(one.source)
             before, silent_s = self._said.get(one.source, 0.0), self._silent_s.get(one.source, FIRST_SHARE * MEMORY_S)
             self._said[one.source] = before + (gain - before) * min(silent_s / MEMORY_S, 1.0)
             self._silent_s[one.source] = 0.0
+
+    def _forget_source(self, known: bool) -> None:
+        """Make room: of who is unknown, the one that has been silent for longest; of who is known only for another."""
+        unknown = [source for source in self._said if source not in self._known]
+        silent = max(unknown, key=lambda source: self._silent_s[source], default=None)
+        if silent is not None and (known or self._silent_s[silent] > FORGET_S):
+            del self._said[silent], self._silent_s[silent]
 
     def swap_ends(self) -> None:
         """The twin is the pose from now on; the prior was wrong."""
@@ -145,7 +163,10 @@ class FieldEnd:
     @property
     def evidence_log_odds(self) -> float:
         """Of the pose, against its twin, by all but the prior."""
-        return self.colours + self.compass.log_odds + sum(self.others.values())
+        others = self.others
+        known = sum(gain for source, gain in others.items() if source in self._known)
+        unknown = sum(gain for source, gain in others.items() if source not in self._known)
+        return self.colours + self.compass.log_odds + known + min(max(unknown, -MAX_OF_UNKNOWN), MAX_OF_UNKNOWN)
 
     @property
     def log_odds(self) -> float:
