@@ -243,6 +243,7 @@ def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path) -> None:
     kept = StateFile(path, first)
     for k in range(1, 5):
         kept.take(first.localize(100_000_000 * k, points=seen(place, k)))
+    kept.close()
     assert [one.name for one in tmp_path.iterdir()] == ["robot.json"]
     second = Localizer("msl-18x12")
     assert "goes on from 0 s ago, x 2.0" in resume(path, second)

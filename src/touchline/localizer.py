@@ -532,6 +532,7 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
         reason=last.reason,
         end_probability=last.end_probability,
         statistics=last.statistics,
+        gaze=last.gaze,
     )
     if abs(stamp_ns - last.stamp_ns) > _PREDICTED_NS:
         return estimate.unconfirmed(f"the last image is more than {_PREDICTED_NS / 1e9:g} s away")

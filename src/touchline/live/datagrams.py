@@ -19,7 +19,8 @@ From Touchline:
      "reason": "", "protection_m": 0.06 or null, "protection_rad": 0.02 or null, "statistics": {"motion": 0.1},
      "image": true, "map_from_odom": [x, y, theta] or null, "probability": 1 or null, "end_probability": 1 or null,
      "residual_m": 0.01 or null, "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003,
-     "perception_ms": 2.1, "localization_ms": 0.5}
+     "perception_ms": 2.1, "localization_ms": 0.5, "look": {"bearing_rad": 0.5, "features": ["T crossing at 0.0, 3.0"]}}
+                                                                      "look" of an image's pose alone, else null
 
 An image of more than PART_BYTES comes in parts, numbered from 0, in any order.
 """
@@ -38,7 +39,7 @@ from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.heard import SENSORS, Heard, Published, Reading, Sight, Start, count_refused
 from touchline.sources.observations import HEADER, observation_of, observation_rows
-from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, GameState, Observation, points_at
+from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, GameState, Look, Observation, points_at
 
 PART_BYTES = 48_000  # behind the line of one datagram, which holds 65,507 at most
 MAX_PARTS = 200
@@ -154,9 +155,14 @@ def published_datagram(published: Published) -> bytes:
             "mode": tree["mode"] or "",
             "dropped": published.dropped,
             "after_s": round(published.after_s, 6),
+            "look": _look(e.look) if published.image else None,
             **{name: tree[name] for name in _AS_ESTIMATED},
         }
     )
+
+
+def _look(look: Look | None) -> dict[str, Any] | None:
+    return None if look is None else {"bearing_rad": round(look.bearing_rad, 4), "features": list(look.features)}
 
 
 def _camera(camera: Pose3 | None) -> dict[str, list[float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
+from touchline.files.new import replace_file
 from touchline.geometry import FloatArray, Pose
 from touchline.localizer import Localizer
 from touchline.types import Estimate, Prior, Status, WeightedPose
@@ -31,6 +33,7 @@ class StateFile:
 
     def __init__(self, path: Path, localizer: Localizer) -> None:
         self._path, self._localizer, self._written_s = path, localizer, -math.inf
+        self._writer: threading.Thread | None = None
 
     def take(self, estimate: Estimate) -> None:
         """Keep an estimate, if it is tracked and a second has passed; a disk that is full stops no robot."""
@@ -47,10 +50,18 @@ class StateFile:
             "poses": [{"pose": list(p), "covariance": np.asarray(c).tolist(), "probability": w} for p, c, w in known],
             "camera_errors": self._localizer.camera_errors,
         }
-        beside = self._path.with_name(f".{self._path.name}.{os.getpid()}")
-        with suppress(OSError):
-            beside.write_text(json.dumps(state))
-            beside.replace(self._path)
+        if self._writer is None or not self._writer.is_alive():  # a slow disk delays no image
+            self._writer = threading.Thread(target=self._write, args=(json.dumps(state).encode(),), daemon=True)
+            self._writer.start()
+
+    def close(self) -> None:
+        """Wait for what is being written."""
+        if self._writer is not None:
+            self._writer.join()
+
+    def _write(self, data: bytes) -> None:
+        with suppress(TouchlineError):
+            replace_file(self._path, data)
 
 
 def resume(path: Path, localizer: Localizer) -> str:

@@ -23,6 +23,7 @@ from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import PRIOR_LOG_ODDS, FieldEnd
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
+from touchline.localization.estimator.gaze import Gaze
 from touchline.localization.estimator.integrity import Jump
 from touchline.localization.estimator.measurements import MEASUREMENTS
 from touchline.localization.estimator.pose_status import Criteria, PoseStatus
@@ -129,6 +130,7 @@ class Touchline:
         self.safeguard = Safeguard(self.registration, field)
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
         self.referee, self.posture = Referee(field), Posture()
+        self.gaze = Gaze(field)
         self.reset()
 
     def open_parts(self, errors: CameraErrors) -> None:
@@ -464,6 +466,7 @@ class Touchline:
             reason=reason,
             end_probability=None if best is None else end,
             statistics=self.safeguard.integrity.statistics,
+            gaze=self.gaze,
             odometry=None if best is None else best.filter.odometry,
         )
 

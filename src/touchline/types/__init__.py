@@ -3,6 +3,7 @@
 from touchline.types.estimate import (
     Estimate,
     Hypothesis,
+    Look,
     Mode,
     OdometryScales,
     Status,
@@ -58,6 +59,7 @@ __all__ = [
     "Landmarks",
     "LinePoints",
     "Lines",
+    "Look",
     "Mode",
     "Observation",
     "OdometryScales",

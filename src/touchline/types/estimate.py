@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -70,6 +70,23 @@ class Hypothesis:
         object.__setattr__(self, "pose", Pose(*map(float, self.pose)))
 
 
+class Look(NamedTuple):
+    """Where to turn the head: bearing (rad, robot frame, left is positive); the features there, the nearest first, by
+    their places in the field (m); and by how many nats the view would shrink what is not known of the pose.
+    """
+
+    bearing_rad: float
+    features: tuple[str, ...]
+    nats: float
+
+
+class Looking(Protocol):
+    """Knows a field well enough to say where to look."""
+
+    def of(self, estimate: Estimate) -> Look | None:
+        """The best direction for what is believed now."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
     """Where the robot stands. pose: plain floats. covariance: (3, 3) of x, y, heading in (m, m, rad), field frame.
@@ -106,9 +123,16 @@ class Estimate:
     """Of the robot playing towards the end of the field that the pose says; None where a system estimates none."""
     statistics: Mapping[str, float] = field(default_factory=dict)
     """How far sensors and field contradict each other, by name, each over its threshold: from 1 on it is an alarm."""
+    gaze: Looking | None = field(default=None, repr=False)
+    """What finds `look`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", Pose(*map(float, self.pose)))
+
+    @property
+    def look(self) -> Look | None:
+        """Where a head that can be turned should look; found when asked for. None where a system does not know."""
+        return None if self.gaze is None else self.gaze.of(self)
 
     @property
     def twin_probability(self) -> float | None:

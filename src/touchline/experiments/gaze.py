@@ -1,0 +1,116 @@
+"""gaze: a head that looks where `Estimate.look` says, beside one that sweeps from side to side.
+
+No figure of a paper.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.experiments import schulz_runs as humanoids
+from touchline.experiments.drives import WRONG_M, WRONG_RAD, track_of
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, interval
+from touchline.geometry import deviation_m, deviation_rad
+from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.systems import RobotSetup, open_system
+from touchline.types import Estimate, Frame, Observation
+
+FIELD, SECONDS, FIRST, WALKS = "hsl-s-9x6", 20.0, 4000, 10  # number of the first walk; walks a seed
+BALL_S = 1.5  # so long the head watches the ball, where no line is seen, and so long the field, by turns
+SWEEP_RAD, SWEEP_HZ, PAN_RAD_S = math.radians(60.0), 0.25, 3.0
+HEADS = FOLLOWS, SWEEPS, AHEAD = "follows look", "sweeps", "looks ahead"
+COLUMNS = ("head", "decided after (s)", "never", "σ of position (cm)", "σ of heading (°)", "wrong, tracking (%)")
+
+
+class Walked(NamedTuple):
+    """decided_s: until one hypothesis is left, right but for the end; inf if never. Means of the frames from then on:
+    standard deviations (m, rad). wrong: share of tracked frames.
+    """
+
+    decided_s: float
+    position_m: float
+    heading_rad: float
+    wrong: float
+
+
+def walked(head: str, number: int) -> Walked:
+    """One walk, begun anywhere, told nothing."""
+    changes = (f"field={FIELD}", *humanoids.AS_BUILT.changes, *humanoids.random_areas(FIELD, number, 8))
+    simulation = Simulation(open_scenario(humanoids.SCENARIO, number, SECONDS, changes), "points")
+    setup = RobotSetup(simulation.field, height_m=PINHOLE_FEATURES.height_m)
+    system = open_system("touchline", setup, None, np.random.default_rng(number))
+    system.reset()
+    pan_rad, estimates, frames = 0.0, list[Estimate](), list[Frame]()
+    for index in range(len(simulation)):
+        frame = simulation.frame(index)
+        aim_rad = _aim(head, estimates[-1] if estimates else None, frame.stamp_ns / 1e9)
+        most_rad = PAN_RAD_S / simulation.rate_hz
+        pan_rad += min(max(aim_rad - pan_rad, -most_rad), most_rad)
+        watches_ball = frame.stamp_ns / 1e9 % (2.0 * BALL_S) < BALL_S
+        seen = Observation(frame.stamp_ns) if watches_ball else simulation.features(index, pan_rad)
+        frames.append(replace(frame, observation=seen))
+        estimates.append(system.step(frames[-1]))
+    drive = humanoids.drive_of(simulation, setup, frames)
+    track = humanoids.either_end(track_of(drive, estimates))
+    sure = np.array([sum(p or 0.0 for p in (e.probability, e.twin_probability)) > 0.9 for e in estimates])
+    decided = np.flatnonzero(sure & track.within(WRONG_M, WRONG_RAD) & [e.explains_image for e in estimates])
+    if not len(decided):
+        return Walked(math.inf, math.nan, math.nan, float(track.wrong.sum() / max(track.tracking.sum(), 1)))
+    rest = [e.covariance for e in estimates[decided[0] :] if e.status.value == "tracking"] or [
+        np.full((3, 3), math.nan)
+    ]
+    return Walked(
+        float(track.times_s[decided[0]]), float(np.mean([deviation_m(c) for c in rest])),
+        float(np.mean([deviation_rad(c) for c in rest])), float(track.wrong.sum() / max(track.tracking.sum(), 1)),
+    )  # fmt: skip
+
+
+def _aim(head: str, last: Estimate | None, time_s: float) -> float:
+    """Where a head wants to look (rad)."""
+    if head == SWEEPS:
+        return SWEEP_RAD * math.sin(2.0 * math.pi * SWEEP_HZ * time_s)
+    look = None if last is None or head == AHEAD else last.look
+    if look is None:
+        return 0.0 if head == AHEAD else SWEEP_RAD * math.sin(2.0 * math.pi * SWEEP_HZ * time_s)
+    return look.bearing_rad
+
+
+def _of_walk(number: int) -> dict[str, Walked]:
+    return {head: walked(head, number) for head in HEADS}
+
+
+def gaze(seeds: int) -> ExperimentResult:
+    """Ten walks a seed, each with every head."""
+    found = gathered(_of_walk, range(FIRST, FIRST + WALKS * seeds), "walks")
+    follows, sweeps = (np.median([one.decided_s for one in found[head]]) for head in (FOLLOWS, SWEEPS))
+    return ExperimentResult(
+        "A head that looks where the estimate says",
+        COLUMNS,
+        [_cells(head, found[head]) for head in HEADS],
+        Headline("decided after, median (s): follows, sweeps", NONE, f"{follows:.1f}, {sweeps:.1f}"),
+        (_NOTES,),
+    )
+
+
+_NOTES = (
+    f"Humanoids as built walk for {SECONDS:g} s on {FIELD} at the observation level, begun anywhere and told nothing. For "
+    f"{BALL_S:g} s of every {2.0 * BALL_S:g} s the head watches the ball and sees no line. Decided: a pose with its twin "
+    "has 90 % and is right, but for the end. σ: as stated, means of the tracked images from then on."
+)
+
+
+def _cells(head: str, walks: list[Walked]) -> Row:
+    known = [one for one in walks if math.isfinite(one.decided_s)]
+    return (
+        head, interval([one.decided_s for one in known], 1) if known else NONE,
+        f"{len(walks) - len(known)} of {len(walks)}",
+        interval([100.0 * one.position_m for one in known if math.isfinite(one.position_m)], 1),
+        interval([math.degrees(one.heading_rad) for one in known if math.isfinite(one.heading_rad)], 2),
+        f"{100.0 * np.mean([one.wrong for one in walks]):.2f}",
+    )  # fmt: skip
