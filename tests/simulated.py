@@ -18,7 +18,7 @@ from touchline.types import Status
 
 NAMES = (
     "calibration-strip", "chessboard", "humanoid-fisheye", "humanoid-walk", "kidnap", "light-changes", "lighting-1",
-    "lighting-2", "lighting-3", "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50",
+    "lighting-2", "lighting-3", "marked-points", "match", "match-day", "occlusion-12", "occlusion-25", "occlusion-50",
     "straight-tracks", "tour-20", "walk-in-place", "worn-hall",
 )  # fmt: skip
 SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 3.0, "walk-in-place": 1.0}

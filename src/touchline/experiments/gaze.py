@@ -99,9 +99,9 @@ def gaze(seeds: int) -> ExperimentResult:
 
 
 _NOTES = (
-    f"Humanoids as built walk for {SECONDS:g} s on {FIELD} at the observation level, begun anywhere and told nothing. For "
-    f"{BALL_S:g} s of every {2.0 * BALL_S:g} s the head watches the ball and sees no line. Decided: a pose with its twin "
-    "has 90 % and is right, but for the end. σ: as stated, means of the tracked images from then on."
+    f"Humanoids as built walk for {SECONDS:g} s on {FIELD} at the observation level, begun anywhere, told nothing. "
+    f"For {BALL_S:g} s of every {2.0 * BALL_S:g} s the head watches the ball and sees no line. Decided: a pose with "
+    "its twin has 90 % and is right, but for the end. σ: as stated, means of the tracked images from then on."
 )
 
 

@@ -50,6 +50,7 @@ from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
+TOLD_S = 10.0  # for which a pose has to be tracked until the half that was given says no more of where one is found
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
 YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
@@ -163,7 +164,7 @@ class Touchline:
         self.sway.reset()
         self.delay.reset()
         self.stuck.reset()
-        self.own_half, self.zone, start = prior.own_half, None, None
+        self.own_half, self.zone, start, self.tracked_s = prior.own_half, None, None, 0.0
         if prior.pose is not None and prior.covariance is not None and np.diag(prior.covariance).max() > ZONE**2:
             self.zone = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance))
         elif prior.pose is not None:
@@ -363,8 +364,11 @@ class Touchline:
             self.safeguard.keep(frame.stamp_ns, self.bank.best.filter, self.end)
 
     def _begin_end(self, best: Member, compass_rad: float | None) -> None:
-        """A pose was found anew, or found elsewhere."""
-        known = self.followed is None and (self.own_half or self._is_in_zone(best.filter.pose))
+        """A pose was found anew, or elsewhere. The half that was given holds until a pose was tracked for long."""
+        found, half = self.followed is None, self.own_half and self.tracked_s < TOLD_S
+        known = half or (found and self._is_in_zone(best.filter.pose))
+        if half and self.end.symmetric and best.filter.pose.x > 0.0:
+            self._swap_ends()
         self.end.begin(known, _compass_error(best.filter.pose, compass_rad))
         self.zone = None
         if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
@@ -384,6 +388,7 @@ class Touchline:
     def _judge_status(self, seconds: float) -> None:
         """Whether the pose is tracked."""
         tracked = self.judged.update(self.bank, self.end, seconds) is Status.TRACKING
+        self.tracked_s += seconds if tracked else 0.0
         where = self.whereabouts
         shown = where is not None and self.judged.blind_frames == 0
         if where is not None and shown and where.settles(self.bank.best, tracked and not self.referee.penalty):
