@@ -246,7 +246,7 @@ def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path) -> None:
     kept.close()
     assert [one.name for one in tmp_path.iterdir()] == ["robot.json"]
     second = Localizer("msl-18x12")
-    assert "goes on from 0 s ago, x 2.0" in resume(path, second)
+    assert "s ago, x 2.00 m, y 1.00 m" in resume(path, second)
     walked_on = Pose(2.6, 1.3, 0.6)
     found = [second.localize(100_000_000 * k, points=seen(walked_on, k)) for k in range(50, 60)]
     tracked = [estimate for estimate in found if estimate.status is Status.TRACKING]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.experiments import schulz_runs as humanoids
-from touchline.experiments.drives import WRONG_M, WRONG_RAD, track_of
+from touchline.experiments.drives import WRONG_M, WRONG_RAD, drive_of, track_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, interval
 from touchline.geometry import deviation_m, deviation_rad
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
@@ -56,7 +56,7 @@ def walked(head: str, number: int) -> Walked:
         seen = Observation(frame.stamp_ns) if watches_ball else simulation.features(index, pan_rad)
         frames.append(replace(frame, observation=seen))
         estimates.append(system.step(frames[-1]))
-    drive = humanoids.drive_of(simulation, setup, frames)
+    drive = drive_of(simulation, setup, frames)
     track = humanoids.either_end(track_of(drive, estimates))
     sure = np.array([sum(p or 0.0 for p in (e.probability, e.twin_probability)) > 0.9 for e in estimates])
     decided = np.flatnonzero(sure & track.within(WRONG_M, WRONG_RAD) & [e.explains_image for e in estimates])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.experiments import schulz_runs as humanoids
-from touchline.experiments.drives import Drive, estimates_of, track_of
+from touchline.experiments.drives import BoolArray, Drive, estimates_of, track_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, wilson
 from touchline.simulation.robot.match import ACCIDENT, FALL, HALF_TIME, PENALTY, PICKED_UP
 from touchline.types import Estimate, Prior
@@ -80,7 +80,7 @@ def played(number: int, half_s: float = HALF_S, every_s: float = EVERY_S) -> Mat
     return Match(tuple(returns), len(estimates), int(track.tracking.sum()), int(track.wrong.sum()))
 
 
-def _return(kind: str, estimates: Sequence[Estimate], right: Sequence[bool], period_s: float) -> Return:
+def _return(kind: str, estimates: Sequence[Estimate], right: BoolArray, period_s: float) -> Return:
     tracked = [estimate.status.value == "tracking" for estimate in estimates]
     if not any(tracked):
         return Return(kind, math.inf, math.inf, False, all(estimate.reason for estimate in estimates))

@@ -42,8 +42,12 @@ class StateFile:
             return
         self._written_s = now_s
         each = [(estimate.pose, estimate.covariance, estimate.probability or 0.99)]
-        each += [(o.pose, o.covariance, o.probability) for o in estimate.hypotheses if o.covariance is not None]
-        known = sorted(((p, c, w) for p, c, w in each if w), key=lambda one: -one[2])[:MAX_POSES]
+        each += [
+            (o.pose, o.covariance, o.probability)
+            for o in estimate.hypotheses
+            if o.covariance is not None and o.probability
+        ]
+        known = sorted(each, key=lambda one: -one[2])[:MAX_POSES]
         state = {
             "field": self._localizer.field.name,
             "unix_s": time.time(),
