@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose
-from touchline.live.dds import DdsLink
+from touchline.live.dds import Dds
 from touchline.live.heard import Heard, Published, Reading
+from touchline.live.ros_link import RosLink
 from touchline.types import Estimate, Status
 
 PEER = Path(__file__).parents[1] / "examples" / "fastdds" / "peer.cpp"
@@ -41,7 +42,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_fast_dds_publishes_is_heard_though_it_starts_later(peer: Path) -> None:
-    link = DdsLink()
+    link = RosLink(Dds())
     time.sleep(2.0)
     heard: list[Heard] = []
     with subprocess.Popen([str(peer), "talk", str(COUNT)]) as talks:
@@ -55,12 +56,11 @@ def test_what_fast_dds_publishes_is_heard_though_it_starts_later(peer: Path) -> 
 
 
 def test_what_is_told_is_heard_by_fast_dds(peer: Path) -> None:
-    link = DdsLink()
+    link = RosLink(Dds())
     estimate = Estimate(0, Pose(0.0, 2.0, 0.5), np.eye(3), Status.SEARCHING)
     with subprocess.Popen([str(peer), "listen", str(COUNT)], stdout=subprocess.PIPE, text=True) as listens:
         assert listens.stdout is not None
         assert listens.stdout.readline() == "ready\n"
-        link._node.announce("/touchline/pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
         time.sleep(3.0)
         for k in range(COUNT):
             link.publish(

@@ -197,7 +197,9 @@ def test_results_are_written_with_map_to_odom(match: Path, tmp_path: Path) -> No
     with AnyReader([results]) as reader:
         messages = [(c.topic, reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
     poses_told = [message for topic, message in messages if topic == "/touchline/pose"]
-    moves = [message.transforms[0] for topic, message in messages if topic == "/tf"]
+    placed = [message.transforms[0] for topic, message in messages if topic == "/tf"]
+    moves = [move for move in placed if move.header.frame_id == "map"]
+    assert [move.child_frame_id for move in placed if move.header.frame_id == "odom"] == ["base_footprint"] * len(moves)
     assert len(poses_told) == len(moves) == len(estimates)
     for frame, pose, move in zip(open_source(match), poses_told, moves, strict=True):
         at = pose.pose.pose

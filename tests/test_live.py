@@ -486,8 +486,8 @@ def test_live_takes_a_camera_with_a_mirror(capsys: pytest.CaptureFixture[str]) -
     ("arguments", "words"),
     [
         (["--to", "nosuchhost.invalid:5000"], "nosuchhost.invalid"),
-        (["--topic", "image=/front"], "--topic: counts only with --dds or --rclpy"),
-        (["--network"], "--network: counts only with --dds or --rclpy"),
+        (["--topic", "image=/front"], "--topic: counts only with --dds, --zenoh, --rclpy or --bridge"),
+        (["--network"], "--network: counts only with --dds or --zenoh"),
         (["--dds", "--to", "5000"], "--to: counts only without --dds"),
     ],
 )

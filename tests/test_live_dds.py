@@ -25,17 +25,18 @@ from team_writing import BOOSTER_TYPES, TeamMessages
 from touchline.cli import live, main
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
-from touchline.live import ros_end
-from touchline.live.dds import DdsLink, DdsNode, DdsRobot
+from touchline.live import ros_link
+from touchline.live.dds import Dds, DdsNode
 from touchline.live.dds_types import Cdr, dds_name, ros_name, sample, sample_type
 from touchline.live.heard import Described, Heard, Picture, Published, Reading, Sight, Start
 from touchline.live.ros import RosReader
-from touchline.live.ros_end import UNUSABLE
-from touchline.live.ros_topics import FIXED_TOPICS, Outgoing
+from touchline.live.ros_link import UNUSABLE, RosLink, RosOptions, RosRobot
+from touchline.live.ros_topics import FIXED_TOPICS
 from touchline.live.ros_writer import RosWriter
 from touchline.localizer import Localizer
 from touchline.sources import open_source
 from touchline.sources.bags.messages import Topic
+from touchline.sources.bags.result_messages import Outgoing
 from touchline.sources.bags.roles import ROLES
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.types import (
@@ -61,7 +62,16 @@ def alone(monkeypatch: pytest.MonkeyPatch, worker_id: str) -> None:
     monkeypatch.setenv(
         "ROS_DOMAIN_ID", str(100 + int(worker_id.removeprefix("gw") or 0) if worker_id != "master" else 99)
     )
-    monkeypatch.setattr(ros_end, "SETTLE_S", 0.3)
+    monkeypatch.setattr(ros_link, "SETTLE_S", 0.3)
+
+
+def dds_link(**options: Any) -> RosLink:
+    asked = RosOptions(**options)
+    return RosLink(Dds(asked.namespace), asked)
+
+
+def send(node: DdsNode, out: Outgoing) -> None:
+    node.write(out.topic, out.kind, node.codec.encode(out.kind, out.message))
 
 
 def waited(look: Callable[[], Any]) -> Any:
@@ -91,7 +101,7 @@ def test_a_sample_is_the_message_s_bytes_there_and_back() -> None:
 
 
 def test_a_recording_played_by_one_node_is_heard_by_another_as_it_was_recorded() -> None:
-    link, robot = DdsLink({"compass": "/imu/data"}), DdsRobot()
+    link, robot = dds_link(topics={"compass": "/imu/data"}), RosRobot(Dds())
     sent: list[Reading | Picture] = []
     data = (EXAMPLE / "images" / "000003.jpg").read_bytes()
     for k in range(20):
@@ -124,7 +134,7 @@ def test_a_recording_played_by_one_node_is_heard_by_another_as_it_was_recorded()
 
 
 def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
-    link, other = DdsLink(namespace="/robot1"), DdsNode("listener")
+    link, other = dds_link(namespace="/robot1"), DdsNode("listener")
     kinds = {
         "/robot1/touchline/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
         "/tf": "tf2_msgs/msg/TFMessage",
@@ -159,7 +169,7 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
 
 
 def test_a_node_is_seen_by_ros() -> None:
-    link, other = DdsLink(namespace="/robot1"), DdsNode("other")
+    link, other = dds_link(namespace="/robot1"), DdsNode("other")
     kept = Qos(
         Policy.Reliability.Reliable(10**8),
         Policy.Durability.TransientLocal,
@@ -182,23 +192,23 @@ def test_a_node_is_seen_by_ros() -> None:
 
 
 def test_what_ros_has_no_message_for_and_the_last_imu_come_too() -> None:
-    link, robot = DdsLink(), DdsRobot()
+    link, robot = dds_link(), RosRobot(Dds())
     places = np.array([[1.0, 2.0], [2.5, -1.0]])
     sure = generic_covariances(places)
     crossings = Crossings(np.array(["L", "T"]), places, np.array([0.5, np.nan]), sure, np.array([0.5, 1.0]), places)
     landmarks = Landmarks(np.array(["goal"]), places[:1], sure[:1], np.ones(1), (("blue",),), places[:1])
     heard: list[Heard] = []
-    robot._node.announce("/touchline/evidence", "std_msgs/msg/String")
+    robot._transport.announce("/touchline/evidence", "std_msgs/msg/String")
     waited(lambda: heard.extend(link.hear(0.01)) or {"image", "odometry", "imu", "said"} <= set(link.topics))
     time.sleep(0.3)  # until both ends know each other
     robot.send(Reading("wheels", 5, (0.25, 0.5)))
     robot.send(Picture(9, None, Observation(9, crossings=crossings, landmarks=landmarks), None))
     said, kind = '{"kind": "evidence", "source": "mate", "probability": 0.8, "own_half": true}', "std_msgs/msg/String"
-    robot._node.write(Outgoing("/touchline/evidence", kind, robot._node.codec.make(kind, data=said)))
+    robot._publish([Outgoing("/touchline/evidence", kind, robot._codec.make(kind, data=said))])
     robot.send(Reading("gyro", 20, (0.1, 0.2, 0.3)))
     waited(lambda: heard.extend(link.hear(0.05)) or len(heard) >= 3)
     for out in robot._writer.rest():  # as when it ends
-        robot._node.write(out)
+        robot._publish([out])
     waited(lambda: heard.extend(link.hear(0.05)) or len(heard) >= 4)
     assert Reading("wheels", 5, (0.25, 0.5)) in heard
     assert Reading("gyro", 20, (0.1, 0.2, 0.3)) in heard
@@ -214,7 +224,7 @@ def test_what_ros_has_no_message_for_and_the_last_imu_come_too() -> None:
 
 
 def test_a_booster_robot_is_heard_on_its_topics_and_told_its_pose() -> None:
-    link, robot = DdsLink(), DdsNode("booster")
+    link, robot = dds_link(), DdsNode("booster")
     make = TeamMessages(robot.codec)
     for name, kind in BOOSTER_TYPES.items():
         robot.announce(f"{name}/robot1" if "soccer" in name else name, kind)
@@ -226,9 +236,9 @@ def test_a_booster_robot_is_heard_on_its_topics_and_told_its_pose() -> None:
     crossings = Crossings(np.array(["L"]), places, np.array([np.nan]), generic_covariances(places), np.ones(1), places)
     before_ns = time.time_ns()
     for each in (make.odometer(1.0, 2.0, 0.5), make.low_state((0.01, 0.02, 3.0), (0.1, 0.2, 0.3))):
-        robot.write(Outgoing(*each))
+        send(robot, Outgoing(*each))
     for each in make.booster(before_ns, Observation(before_ns, crossings=crossings)):
-        robot.write(Outgoing(f"{each.topic}/robot1", each.kind, each.message))
+        send(robot, Outgoing(f"{each.topic}/robot1", each.kind, each.message))
     waited(lambda: heard.extend(link.hear(0.05)) or any(isinstance(each, Sight) for each in heard))
     readings = {each.sensor: each for each in heard if isinstance(each, Reading)}
     assert set(readings) == {"odometry", "gyro", "attitude"}
@@ -294,7 +304,7 @@ def sent_messages(codec: Codec) -> Iterator[tuple[str, Topic, bytes]]:
 
 
 def test_of_several_that_could_be_it_the_named_one_is_read_and_a_wrong_type_is_told() -> None:
-    link = DdsLink({"odometry": "/wheel/odom", "imu": "/odom"})
+    link = dds_link(topics={"odometry": "/wheel/odom", "imu": "/odom"})
     robot = DdsNode("robot")
     for name in ("/odom", "/wheel/odom"):
         robot.announce(name, "nav_msgs/msg/Odometry")
@@ -306,16 +316,16 @@ def test_of_several_that_could_be_it_the_named_one_is_read_and_a_wrong_type_is_t
 
 
 def test_a_message_that_cannot_be_used_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    link, robot = DdsLink(), DdsNode("robot")
+    link, robot = dds_link(), DdsNode("robot")
     robot.announce("/odom", "nav_msgs/msg/Odometry")
     waited(lambda: link.hear(0.01) or "odometry" in link.topics)
 
     def broken(*_: object) -> None:
         raise BadMessageError("too short")
 
-    monkeypatch.setattr(link._node.codec, "decode", broken)
+    monkeypatch.setattr(link._codec, "decode", broken)
     (out,) = RosWriter(robot.codec).played(Reading("odometry", 1, (1.0, 2.0, 3.0)))
-    waited(lambda: robot.write(out) or link.hear(0.02) or link.refused)
+    waited(lambda: send(robot, out) or link.hear(0.02) or link.refused)
     assert any("/odom that can't be used (too short)" in what for what in link.refused)
     link.close()
     robot.close()

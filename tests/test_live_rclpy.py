@@ -1,4 +1,4 @@
-"""The link by rclpy against a stand-in with rclpy's interface: it was not run against ROS itself."""
+"""The link by rclpy against a stand-in with rclpy's interface; tests/ros_node.py (`make ros`) takes the real one."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ import pytest
 
 from touchline.cli import main
 from touchline.geometry import Pose
-from touchline.live import rclpy_link, ros_end
+from touchline.live import rclpy_link, ros_link
 from touchline.live.heard import Heard, Published, Reading, Sight
-from touchline.live.rclpy_link import RclpyLink
+from touchline.live.rclpy_link import Rclpy
+from touchline.live.ros_link import RosLink, RosOptions
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.with_rosbags import Codec
@@ -37,6 +38,7 @@ class Graph:
         self.published: list[tuple[str, str, bytes]] = []
         self.waiting: deque[tuple[str, bytes]] = deque()
         self.own: dict[str, str] = {}
+        self.latched: set[str] = set()
         self.running = False
 
     # of a node
@@ -54,15 +56,30 @@ class Graph:
         assert kind == self.offered[name][0]
         self.listening[name] = (came, qos)
 
-    def create_publisher(self, kind: str, name: str, depth: int) -> Any:
+    def create_publisher(self, kind: str, name: str, qos: Any) -> Any:
         self.own[name] = kind
-        return SimpleNamespace(publish=lambda data: self.published.append((name, kind, data)))
+        self.latched |= {name} if qos.durability is Durability.TRANSIENT_LOCAL else set()
+        return SimpleNamespace(
+            publish=lambda data: self.published.append((name, kind, data)), get_subscription_count=lambda: 0
+        )
 
     def destroy_node(self) -> None:
         self.listening.clear()
 
-    # of rclpy
-    def spin_once(self, node: Any, timeout_sec: float) -> None:
+    def destroy_subscription(self, made: None) -> None:
+        pass
+
+    def destroy_publisher(self, made: Any) -> None:
+        pass
+
+    # of an executor
+    def add_node(self, node: Any) -> None:
+        pass
+
+    def remove_node(self, node: Any) -> None:
+        pass
+
+    def spin_once(self, timeout_sec: float) -> None:
         if self.waiting:
             name, data = self.waiting.popleft()
             if name in self.listening:
@@ -89,6 +106,7 @@ PACKAGES = (
     "sensor_msgs",
     "std_msgs",
     "tf2_msgs",
+    "visualization_msgs",
 )
 
 
@@ -108,8 +126,8 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
             "init": init,
             "shutdown": shutdown,
             "create_node": lambda name, namespace: made,
-            "spin_once": made.spin_once,
         },
+        "rclpy.executors": {"SingleThreadedExecutor": lambda: made},
         "rclpy.qos": {"QoSProfile": SimpleNamespace, "ReliabilityPolicy": Reliability, "DurabilityPolicy": Durability},
     }
     for name, attributes in contents.items():
@@ -120,12 +138,12 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     for package in PACKAGES:
         monkeypatch.setitem(sys.modules, package, ModuleType(package))
         monkeypatch.setitem(sys.modules, f"{package}.msg", Messages(f"{package}.msg"))
-    monkeypatch.setattr(ros_end, "SETTLE_S", 0.02)
+    monkeypatch.setattr(ros_link, "SETTLE_S", 0.02)
     monkeypatch.setattr(rclpy_link, "_LOOK_S", 0.01)
     return made
 
 
-def listened(link: RclpyLink, until: Callable[[list[Heard]], bool]) -> list[Heard]:
+def listened(link: RosLink, until: Callable[[list[Heard]], bool]) -> list[Heard]:
     heard: list[Heard] = []
     ends_s = time.monotonic() + 5.0
     while not until(heard) and time.monotonic() < ends_s:
@@ -134,7 +152,7 @@ def listened(link: RclpyLink, until: Callable[[list[Heard]], bool]) -> list[Hear
 
 
 def test_topics_are_found_read_as_their_publishers_offer_and_answered(graph: Graph) -> None:
-    link, codec = RclpyLink(), Codec()
+    link, codec = RosLink(Rclpy()), Codec()
     graph.offered = {
         "/odom": ("nav_msgs/msg/Odometry", Reliability.RELIABLE),
         "/image/compressed": ("sensor_msgs/msg/CompressedImage", Reliability.BEST_EFFORT),
@@ -160,12 +178,13 @@ def test_topics_are_found_read_as_their_publishers_offer_and_answered(graph: Gra
     told = {name: codec.decode(Topic(name, kind, "cdr", None, 1), data) for name, kind, data in graph.published}
     assert set(told) == {"/touchline/pose", "/tf", "/diagnostics"}
     assert told["/touchline/pose"].pose.pose.position.y == 2.0
+    assert graph.latched == {"/touchline/pose", "/touchline/field_lines", "/touchline/map"}
     link.close()
     assert not graph.running
 
 
 def test_of_several_robots_the_one_of_the_namespace_is_read(graph: Graph) -> None:
-    link = RclpyLink(namespace="/robot2")
+    link = RosLink(Rclpy("/robot2"), RosOptions(namespace="/robot2"))
     for name in ("/robot1/odom", "/robot2/odom", "/robot3/odom"):
         graph.offered[name] = ("nav_msgs/msg/Odometry", Reliability.RELIABLE)
     graph.offered["/robot2/initialpose"] = ("geometry_msgs/msg/PoseWithCovarianceStamped", Reliability.RELIABLE)
@@ -176,7 +195,7 @@ def test_of_several_robots_the_one_of_the_namespace_is_read(graph: Graph) -> Non
 
 
 def test_without_stamps_the_time_is_that_of_clock_where_there_is_one(graph: Graph) -> None:
-    link, codec = RclpyLink(), Codec()
+    link, codec = RosLink(Rclpy()), Codec()
     graph.offered = {
         "/clock": ("rosgraph_msgs/msg/Clock", Reliability.BEST_EFFORT),
         "/odometer_state": ("booster_interface/msg/Odometer", Reliability.RELIABLE),
@@ -195,7 +214,10 @@ def test_without_stamps_the_time_is_that_of_clock_where_there_is_one(graph: Grap
     link.close()
 
 
-def test_where_rclpy_is_not_what_to_do_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_rclpy_is_not_what_to_do_is_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rclpy_link, "find_spec", lambda name: None)
     assert main(["live", "--field", "msl-18x12", "--rclpy", "--seconds", "0"]) == 2
     assert "setup.bash" in capsys.readouterr().err
 
@@ -220,7 +242,7 @@ def test_the_command_runs_as_a_node(graph: Graph, capsys: pytest.CaptureFixture[
 def test_without_tf2_msgs_the_pose_goes_out_and_it_is_said_once(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "tf2_msgs.msg")
     monkeypatch.delitem(sys.modules, "tf2_msgs")
-    link = RclpyLink()
+    link = RosLink(Rclpy())
     estimate = Estimate(7, Pose(1.0, 2.0, 0.5), np.eye(3), Status.TRACKING)
     for _ in range(3):
         link.publish(Published(estimate, Pose(0.0, 0.0, 0.0), image=True))

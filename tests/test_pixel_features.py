@@ -20,7 +20,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.live.heard import Sight
 from touchline.live.ros import RosReader
-from touchline.live.ros_end import UNUSABLE
+from touchline.live.ros_link import UNUSABLE
 from touchline.live.ros_topics import TRANSFORMS
 from touchline.sources import open_source
 from touchline.sources.bags import roles

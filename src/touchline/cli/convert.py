@@ -96,18 +96,25 @@ def _check_target(target: Path, kind: Kind) -> None:
 
 def _write(recording: Recording, target: Path, kind: Kind) -> None:
     """Write it, with a progress bar; what cannot be finished is taken away again."""
+    with _kept_whole(target), _progress(recording.name, len(recording)) as advance:
+        _write_kind(recording, target, kind, advance)
+
+
+@contextmanager
+def _progress(name: str, images: int) -> Iterator[Callable[[], None]]:
+    """A progress bar, and what is called after every image."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with _kept_whole(target), Progress(*columns, console=errors_console()) as progress:
-        task = progress.add_task(recording.name, total=len(recording))
+    with Progress(*columns, console=errors_console()) as progress:
+        task = progress.add_task(name, total=images)
 
         def advance() -> None:
             if not progress.finished:  # a bag's last samples come after its last image
                 progress.advance(task)
 
-        _write_kind(recording, target, kind, advance)
-        progress.update(task, completed=len(recording))  # of observations no image is told
+        yield advance
+        progress.update(task, completed=images)  # of observations no image is told
 
 
 @contextmanager
@@ -131,13 +138,15 @@ def _write_results(run: Path, target: Path, kind: Kind, follow_links: bool) -> N
     if kind is Kind.FOLDER:
         raise InputError(f"{run}: is the folder of a run; its results are written as a bag: {target}.mcap")
     from touchline.evaluation.run import Run
+    from touchline.view.run_pictures import looks
 
     finished = Run(run, follow_links)
-    with _kept_whole(target):
+    look = looks(finished.recording(), str(finished.summary.get("system")))
+    with _kept_whole(target), _progress(finished.folder.name, len(finished.estimates)) as advance:
         writer, codec = _bag_writer(target, kind)
         from touchline.evaluation.ros_results import write_results
 
-        write_results(finished, writer, codec)
+        write_results(finished, writer, codec, look, advance)
     say(f"{target}: {len(finished.estimates)} poses")
 
 

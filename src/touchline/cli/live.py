@@ -32,6 +32,7 @@ from touchline.messages import counted, without_numbers
 if TYPE_CHECKING:
     from touchline.live.heard import Link, Published, Robot
     from touchline.live.loop import LiveLoop
+    from touchline.live.ros_link import Transport
     from touchline.localizer import Localizer
     from touchline.types import Estimate, System
     from touchline.view.viewer import LatestShown, Screen
@@ -44,14 +45,11 @@ _Address = Annotated[
     ),
 ]
 _ByDds = Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")]
-_BeyondMachine = Annotated[
-    bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
-]
+_ByZenoh = Annotated[bool, typer.Option("--zenoh", help="By ROS 2's topics over Zenoh, without ROS (extra zenoh).")]
+_BeyondMachine = Annotated[bool, typer.Option("--network", help="Of --dds, --zenoh: beyond this machine.")]
 _Topics = Annotated[
     list[str] | None,
-    typer.Option(
-        "--topic", metavar="ROLE=/NAME", help="Of --dds, --rclpy: image, odometry, detections, …; repeatable."
-    ),
+    typer.Option("--topic", metavar="ROLE=/NAME", help="Of ROS: image, odometry, detections, …; repeatable."),
 ]
 _SILENT_S = 3.0  # without an image until it is reported what was received, and what is there
 _EVERY_S = 1.0  # so often a line on the terminal
@@ -63,15 +61,18 @@ def live(
     camera: Annotated[Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.")] = None,
     system: SystemName = None,
     dds: _ByDds = False,
+    zenoh: _ByZenoh = False,
     rclpy: Annotated[
         bool, typer.Option("--rclpy", help="By ROS 2's topics as a node of ROS, in an environment that has it.")
     ] = False,
+    bridge: Annotated[
+        str | None,
+        typer.Option(metavar="[HOST:]PORT", help="By ROS 2's topics that touchline_ros's bridge brings."),
+    ] = None,
     topics: _Topics = None,
     base: BagBase = None,
     late: BagLate = 0.0,
-    namespace: Annotated[
-        str, typer.Option(metavar="/NAME", help="Of this robot by --dds, --rclpy: its topics come first.")
-    ] = "",
+    namespace: Annotated[str, typer.Option(metavar="/NAME", help="Of this robot in ROS: its topics come first.")] = "",
     network: _BeyondMachine = False,
     udp: _Address = None,
     to: Annotated[
@@ -117,17 +118,9 @@ def live(
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
     from touchline.types import Prior
 
-    ros = dds or rclpy
-    of_ros = {
-        "--topic": topics,
-        "--base": base,
-        "--late": late,
-        "--namespace": namespace,
-        "--network": network and not rclpy,
-    }
-    _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros)
-    if (dds or network) and rclpy:
-        raise InputError(f"{'--dds' if dds else '--network'} --rclpy: ROS itself carries the messages then")
+    ros = {"--dds": dds, "--zenoh": zenoh, "--rclpy": rclpy, "--bridge": bridge is not None}
+    of_ros = {"--topic": topics, "--base": base, "--late": late, "--namespace": namespace}
+    _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros, network)
     if mates and not team_evidence:
         raise InputError("--mate: counts only with --team-evidence")
     if (team is None) != (player is None) or (team is not None and not game_controller):
@@ -147,18 +140,14 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
-    named = bag_options(topics, None, None, None).topics
     link: Link
-    if rclpy:
-        from touchline.live.rclpy_link import RclpyLink, require_rclpy
+    if any(ros.values()):
+        from touchline.live.ros_link import RosLink, RosOptions
 
-        require_rclpy()
-        link = RclpyLink(named, base, namespace, localizer.camera, late)
-    elif dds:
-        _require_dds()
-        from touchline.live.dds import DdsLink
-
-        link = DdsLink(named, base, namespace, localizer.camera, late, network=network)
+        named = bag_options(topics, None, None, None).topics
+        options = RosOptions(named, base, namespace, localizer.field, localizer.camera, late)
+        here = None if bridge is None else address(bridge, "--bridge")
+        link = RosLink(_transport(ros, namespace, network, here), options)
     else:
         from touchline.live.udp import UdpLink
 
@@ -170,12 +159,12 @@ def live(
 
         link = WithGameController(link, GameController(team, player))
     console = errors_console()
-    where = (
-        f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if ros else f"hears udp {udp}, tells udp {to}"
-    )
+    topics_of_ros = f"reads topics of ROS 2, publishes {namespace}/touchline/pose"
+    where = topics_of_ros if any(ros.values()) else f"hears udp {udp}, tells udp {to}"
     console.print(f"{name}: {where}; Ctrl-C ends it")
     ends_s = None if seconds is None else time.monotonic() + seconds
     with (
+        closing(link),
         shown_in(view, rrd, stays=False) as screen,
         closing(_Shown(localizer, screen, name)) as shown,
         announce_compiling(console.print),
@@ -185,9 +174,7 @@ def live(
         loop = LiveLoop(link, localizer, on_published, team_evidence, mates or ())
         silence = _Silence(loop, link, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
-    refused = link.refused
-    around = silence.received()
-    link.close()
+        refused, around = link.refused, silence.received()
     _tell_end(loop, {**localizer.problems, **refused}, around if silence.reported else None)
 
 
@@ -211,12 +198,47 @@ def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]
     return take
 
 
-def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mapping[str, object]) -> None:
-    """Raises InputError for an option that would be left aside."""
-    wrong = [option for option, value in (of_udp if dds else of_dds).items() if value]
+def _refuse_of_other_link(
+    ros: Mapping[str, bool], of_udp: Mapping[str, object], of_ros: Mapping[str, object], network: bool
+) -> None:
+    """Raises InputError for two links, and for an option that would be left aside."""
+    chosen = [option for option, given in ros.items() if given]
+    if len(chosen) > 1:
+        raise InputError(f"{' '.join(chosen)}: one of them carries the messages")
+    wrong = [option for option, value in (of_udp if chosen else of_ros).items() if value]
     if wrong:
-        where = "without --dds" if dds else "with --dds or --rclpy"
-        raise InputError(f"{wrong[0]}: counts only {where}")
+        raise InputError(f"{wrong[0]}: counts only {'without ' + chosen[0] if chosen else 'with ' + _one_of(ros)}")
+    if network and not {"--dds", "--zenoh"} & set(chosen):
+        raise InputError("--network: counts only with --dds or --zenoh")
+
+
+def _one_of(ros: Mapping[str, bool]) -> str:
+    return " or ".join((", ".join(list(ros)[:-1]), list(ros)[-1]))
+
+
+def _transport(
+    ros: Mapping[str, bool], namespace: str, network: bool, here: tuple[str, int] | None = None, name: str = "touchline"
+) -> Transport:
+    """What carries ROS's messages. Raises InputError where it cannot."""
+    if here is not None:
+        _require("--bridge", "bags", "rosbags")
+        from touchline.live.bridge import Bridge
+
+        return Bridge(here)
+    if ros["--dds"]:
+        _require("--dds", "ros2", "cyclonedds", "rosbags")
+        from touchline.live.dds import Dds
+
+        return Dds(namespace, network, name)
+    if ros["--zenoh"]:
+        _require("--zenoh", "zenoh", "zenoh", "rosbags")
+        from touchline.live.zenoh_link import Zenoh
+
+        return Zenoh(namespace, network, name)
+    from touchline.live.rclpy_link import Rclpy, require_rclpy
+
+    require_rclpy()
+    return Rclpy(namespace, name=name)
 
 
 def _as_namespace(text: str) -> str:
@@ -227,18 +249,19 @@ def _as_namespace(text: str) -> str:
     return f"/{name}" if name else ""
 
 
-def _require_dds() -> None:
-    """Raises InputError where Cyclone DDS is not installed."""
+def _require(option: str, extra: str, *modules: str) -> None:
+    """Raises InputError where a library is not installed."""
     from importlib.util import find_spec
 
-    missing = [name for name in ("cyclonedds", "rosbags") if find_spec(name) is None]
+    missing = [name for name in modules if find_spec(name) is None]
     if missing:
-        raise InputError(f"--dds: {' and '.join(missing)} is not installed: pip install 'touchline[ros2]'")
+        raise InputError(f"{option}: {' and '.join(missing)} is not installed: pip install 'touchline[{extra}]'")
 
 
 def play(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.")],
     dds: _ByDds = False,
+    zenoh: _ByZenoh = False,
     network: _BeyondMachine = False,
     udp: _Address = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
@@ -252,20 +275,21 @@ def play(
     from touchline.live.playing import play as play_recording
     from touchline.sources import open_source
 
-    _refuse_of_other_link(dds, {"--udp": udp}, {"--network": network})
+    ros = {"--dds": dds, "--zenoh": zenoh}
+    _refuse_of_other_link(ros, {"--udp": udp}, {}, network)
     udp = udp or str(_PORT)
     source = open_source(recording, follow_links)
     robot: Robot
-    if dds:
-        _require_dds()
-        from touchline.live.dds import DdsRobot
+    if any(ros.values()):
+        transport = _transport(ros, "", network, name="touchline_play")
+        from touchline.live.ros_link import RosRobot
 
-        robot = DdsRobot(network)
+        robot = RosRobot(transport)
     else:
         from touchline.live.udp import UdpRobot
 
         robot = UdpRobot(address(udp, "--udp"))
-    where = "topics of ROS 2" if dds else f"udp {udp}"
+    where = "topics of ROS 2" if any(ros.values()) else f"udp {udp}"
     errors_console().print(f"{source.name}: {counted(len(source), 'image')} to {where}; Ctrl-C ends it")
     sent = 0
     with interruptible() as stop:

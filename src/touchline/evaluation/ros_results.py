@@ -1,39 +1,62 @@
-"""The results of a run as messages of ROS: pose with covariance, map → odom, diagnostics."""
+"""The results of a run as the messages of ROS that `live` publishes: one file shows field, robot and what it saw."""
+
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from touchline.evaluation.run import Run
 from touchline.geometry import Pose, wrap_angles
 from touchline.sources import ProblemLog, Recording
-from touchline.sources.bags.standard import StandardMessages
+from touchline.sources.bags.result_messages import TF, TYPES, Outgoing, ResultMessages
+from touchline.sources.bags.standard import on_ground
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.bags.writing import BagWriter, epoch_ns
 from touchline.sources.tables import open_table, read_blocks, to_stamps
-from touchline.types import Samples
+from touchline.types import Estimate, Frame, Observation, Samples
 
-POSE_TOPIC = "/touchline/pose"
 _REACH_NS = 200_000_000  # an odometry sample farther away tells nothing of an image
+Look = Callable[[Frame, Estimate], tuple[Observation | None, bytes | None]]
 
 
-def write_results(run: Run, writer: BagWriter, codec: Codec) -> None:
+def write_results(
+    run: Run, writer: BagWriter, codec: Codec, look: Look | None = None, on_image: Callable[[], None] = lambda: None
+) -> None:
     """Write every estimate of a run, on the clock of the bag that its recording came from, and close the bag.
 
-    The transform is map → odom where the recording has odometry at the image's time, else map → base (REP 105).
+    The transforms are map → odom → base where the recording has odometry at the image's time, else map → base
+    (REP 105). look: what was seen in an image, and a picture (JPEG) of it. on_image: called after every image.
     Raises InputError if the recording is no longer where it was.
     """
     recording, table = run.recording(), run.estimates
     epoch, odometry = epoch_ns(recording), _odometry(recording)
-    make = StandardMessages(codec)
-    for row in range(len(table)):
+    results = ResultMessages(codec, recording.field)
+    results.while_searching = True  # of the past it tells where the robot was taken to be
+
+    def write(stamp_ns: int, messages: Iterable[Outgoing]) -> None:
+        for out in messages:
+            writer.write(out.topic, out.kind, stamp_ns, codec.encode(out.kind, out.message))
+
+    frames: Iterable[Frame | None] = itertools.repeat(None) if look is None else recording.again()
+    for row, frame in zip(range(len(table)), frames, strict=False):
         estimate = table.estimate(row)
         stamp_ns = max(estimate.stamp_ns + epoch, 0)
-        map_from_odom = _map_from_odom(estimate.pose, odometry, estimate.stamp_ns)
-        for topic, kind, message in (
-            (POSE_TOPIC, "geometry_msgs/msg/PoseWithCovarianceStamped", make.estimated(stamp_ns, estimate)),
-            ("/tf", "tf2_msgs/msg/TFMessage", make.map_from(stamp_ns, estimate, map_from_odom)),
-            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", make.diagnostics(stamp_ns, estimate)),
-        ):
-            writer.write(topic, kind, stamp_ns, codec.encode(kind, message))
+        if row == 0:
+            write(stamp_ns, results.field(stamp_ns))
+        if look is not None and frame is not None and frame.stamp_ns == estimate.stamp_ns:
+            seen, picture = look(frame, estimate)
+            estimate = replace(estimate, observation=seen)
+            write(stamp_ns, [] if picture is None else [results.overlay(stamp_ns, picture)])
+        at = _odometry_at(odometry, estimate.stamp_ns)
+        map_from_odom = None if at is None else estimate.pose.compose(at.inverse())
+        write(stamp_ns, results.located(stamp_ns, estimate, map_from_odom))
+        if at is not None:
+            frames_of = results.standard.frames
+            moved = results.standard.transform(stamp_ns, frames_of.odom, frames_of.base, on_ground(at))
+            write(stamp_ns, [Outgoing(TF, TYPES[TF], moved)])
+        write(stamp_ns, results.explained(stamp_ns, estimate))
+        on_image()
     writer.close()
 
 
@@ -50,8 +73,8 @@ def _odometry(recording: Recording) -> Samples | None:
     return Samples(to_stamps(rows[order, 0]), rows[order, 1:])
 
 
-def _map_from_odom(pose: Pose, odometry: Samples | None, stamp_ns: int) -> Pose | None:
-    """Where the odometry frame lies; None where no sample is near."""
+def _odometry_at(odometry: Samples | None, stamp_ns: int) -> Pose | None:
+    """Where the odometry says that the robot is; None where no sample is near."""
     if odometry is None:
         return None
     stamps = odometry.stamp_ns
@@ -63,4 +86,4 @@ def _map_from_odom(pose: Pose, odometry: Samples | None, stamp_ns: int) -> Pose 
     step = odometry.values[after] - odometry.values[before]
     step[2] = wrap_angles(step[2:])[0]
     at = odometry.values[before] + ((stamp_ns - int(stamps[before])) / step_ns if step_ns else 0.0) * step
-    return pose.compose(Pose(*at.tolist()).inverse())
+    return Pose(*at.tolist())

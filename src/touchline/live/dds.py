@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import time
 import uuid
 from collections.abc import Iterator
 from functools import cache
@@ -25,17 +24,12 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic as DdsTopic
 
 from touchline.errors import InputError
-from touchline.live import ros_end
 from touchline.live.dds_types import ros_name, sample, sample_type
-from touchline.live.heard import Picture, Reading
-from touchline.live.ros_end import RosEnd
-from touchline.live.ros_topics import PLAYED, Outgoing
-from touchline.live.ros_writer import RosWriter
-from touchline.sources.bags.messages import Topic
+from touchline.live.domain import domain_id
+from touchline.live.ros_link import NODE
 from touchline.sources.bags.with_rosbags import Codec
 
 _MAX_AT_ONCE = 100
-_NODE = "touchline"
 _DISCOVERY, _DISCOVERY_KIND = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _LOOPBACK = """<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
@@ -51,11 +45,11 @@ _KEPT = Qos(_RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast
 class DdsNode:
     """A participant that ROS 2 sees as a node: readers and writers by ROS's names."""
 
-    def __init__(self, name: str, namespace: str = "", network: bool = False, codec: Codec | None = None) -> None:
+    def __init__(self, name: str, namespace: str = "", network: bool = False) -> None:
         """network: beyond this machine, as CYCLONEDDS_URI or ROS_STATIC_PEERS say, or everywhere. Raises InputError."""
-        self.codec = codec or Codec()
+        self.codec = Codec()
         self._name, self._namespace = name, namespace
-        domain = _domain_id()
+        domain = domain_id()
         try:
             if not network:
                 _set_up(domain, _LOOPBACK)
@@ -77,17 +71,23 @@ class DdsNode:
         self._tell_graph()
         return made
 
-    def announce(self, topic: str, kind: str) -> None:
-        """Say that something will be published."""
+    def announce(self, topic: str, kind: str, latched: bool = False) -> None:
+        """Say that something will be published. latched: those that come later receive the last one."""
         if topic not in self._writers:
             qos = Qos(_RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10), _PLAIN)
-            self._writers[topic] = DataWriter(self.participant, self._topic(f"rt{topic}", kind), qos=qos)
+            self._writers[topic] = DataWriter(
+                self.participant, self._topic(f"rt{topic}", kind), qos=_KEPT if latched else qos
+            )
             self._tell_graph()
 
-    def write(self, out: Outgoing) -> None:
+    def write(self, topic: str, kind: str, data: bytes, latched: bool = False) -> None:
         """Publish a message."""
-        self.announce(out.topic, out.kind)
-        self._writers[out.topic].write(sample(out.kind, self.codec.encode(out.kind, out.message)))
+        self.announce(topic, kind, latched)
+        self._writers[topic].write(sample(kind, data))
+
+    def wanted(self, topic: str) -> bool:
+        """Whether somebody reads what is published there."""
+        return topic in self._writers and bool(self._writers[topic].get_matched_subscriptions())
 
     def _topic(self, name: str, kind: str) -> Any:
         if name not in self._topics:
@@ -119,83 +119,61 @@ class DdsNode:
         del self._graph, self.participant
 
 
-class DdsLink(RosEnd):
-    """The robot's topics, found as they appear."""
+class Dds:
+    """The robot's topics by DDS, found as they appear."""
 
     pause_s = 0.0005
 
-    def __init__(self, *options: Any, network: bool = False, **named: Any) -> None:
-        """As `RosEnd` has them; network: beyond this machine. Raises InputError."""
-        super().__init__(*options, **named)
+    def __init__(self, namespace: str = "", network: bool = False, name: str = NODE) -> None:
+        """network: beyond this machine. Raises InputError."""
         self._network = network
-        self._node = DdsNode(_NODE, self._namespace, network, self._codec)
-        self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
+        self.node = DdsNode(name, namespace, network)
+        self.announce, self.write, self.wanted = self.node.announce, self.node.write, self.node.wanted
+        self.refused: dict[str, int] = {}
+        self._publishers = BuiltinDataReader(self.node.participant, BuiltinTopicDcpsPublication)
         self._qos: dict[str, Qos] = {}
         self._readers: dict[str, Any] = {}
 
     def around(self) -> str:
-        """What is to be heard here, in words."""
+        """Where it looks for topics, in words."""
         where = "every interface" if self._network else "this machine alone (127.0.0.1): --network goes beyond it"
-        return f"{super().around()}; domain {_domain_id()} (ROS_DOMAIN_ID), {where}"
+        return f"domain {domain_id()} (ROS_DOMAIN_ID), {where}"
 
     def close(self) -> None:
         """Leave the network."""
         self._readers.clear()
         del self._publishers
-        self._node.close()
+        self.node.close()
 
-    def _offered(self) -> Iterator[tuple[str, str]]:
+    def offered(self) -> Iterator[tuple[str, str]]:
+        """Names and types of what others publish."""
+        own = self.node.participant.guid
         for end in self._publishers.take(_MAX_AT_ONCE):
             if isinstance(end, InvalidSample) or not (end.type_name and end.topic_name.startswith("rt/")):
+                continue
+            if end.participant_key == own:
                 continue
             kind, name = ros_name(end.type_name), end.topic_name[2:]
             if kind is not None:
                 self._qos.setdefault(name, end.qos)
                 yield name, kind
 
-    def _read(self, topic: Topic) -> None:
-        offered = self._qos[topic.name]
+    def read(self, name: str, kind: str) -> None:
+        """Read a topic from now on, as its publisher offers it."""
+        offered = self._qos[name]
         reliable = (
             _RELIABLE if offered[Policy.Reliability].__class__ is type(_RELIABLE) else Policy.Reliability.BestEffort
         )
-        durable = Policy.Durability.TransientLocal if topic.name.endswith("/tf_static") else Policy.Durability.Volatile
+        durable = Policy.Durability.TransientLocal if name.endswith("/tf_static") else Policy.Durability.Volatile
         qos = Qos(reliable, durable, Policy.History.KeepLast(100), _PLAIN)
-        self._readers[topic.name] = self._node.reader(topic.name, topic.type, qos)
+        self._readers[name] = self.node.reader(name, kind, qos)
 
-    def _announce(self, name: str, kind: str) -> None:
-        self._node.announce(name, kind)
-
-    def _take(self, ends_s: float) -> Iterator[tuple[str, bytes]]:
-        for name in self._in_order():
-            for each in self._readers[name].take(_MAX_AT_ONCE):
+    def take(self, ends_s: float) -> Iterator[tuple[str, bytes]]:
+        """What has come."""
+        for name, reader in self._readers.items():
+            for each in reader.take(_MAX_AT_ONCE):
                 if not isinstance(each, InvalidSample):
                     yield name, each
-
-    def _write(self, out: Outgoing) -> None:
-        self._node.write(out)
-
-
-class DdsRobot:
-    """The robot's side: publishes what a recording holds."""
-
-    def __init__(self, network: bool = False) -> None:
-        """Announces everything and waits until those that listen have found it."""
-        self._node = DdsNode("touchline_play", network=network)
-        self._writer = RosWriter(self._node.codec)
-        for topic, kind in PLAYED.items():
-            self._node.announce(topic, kind)
-        time.sleep(2.0 * ros_end.SETTLE_S)
-
-    def send(self, event: Reading | Picture) -> None:
-        """Publish a sample or an image."""
-        for out in self._writer.played(event):
-            self._node.write(out)
-
-    def close(self) -> None:
-        """Send what is left, and leave the network."""
-        for out in self._writer.rest():
-            self._node.write(out)
-        self._node.close()
 
 
 @cache
@@ -215,11 +193,3 @@ def _peers() -> list[str]:
     return [
         peer for peer in re.split(r"[;\s]+", os.environ.get("ROS_STATIC_PEERS", "")) if re.fullmatch(r"[\w.:-]+", peer)
     ]
-
-
-def _domain_id() -> int:
-    """ROS_DOMAIN_ID, else 0. Raises InputError."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not text.isdigit() or int(text) > 232:
-        raise InputError(f"ROS_DOMAIN_ID={text:.40}: expected a number from 0 to 232")
-    return int(text)

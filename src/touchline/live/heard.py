@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from touchline.camera import Camera
 from touchline.geometry import FloatArray, Pose, Pose3
-from touchline.types import Estimate, Evidence, GameState, ImageArray, Observation
+from touchline.types import Estimate, Evidence, Frame, GameState, ImageArray, Observation
 
 SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}  # and how many numbers each gives
 
@@ -64,6 +64,7 @@ class Published:
 
     map_from_odom: the odometry frame in the field's, None where it is not known. image: whether it comes
     from an image. dropped: images so far that came while the program was busy. after_s: from the image's arrival on.
+    frame: what the image's estimate is of.
     """
 
     estimate: Estimate
@@ -71,6 +72,7 @@ class Published:
     image: bool = False
     dropped: int = 0
     after_s: float = 0.0
+    frame: Frame | None = None
 
 
 def count_refused(counts: Counter[str], what: str) -> None:

@@ -154,9 +154,8 @@ class LiveLoop:
             )
             now_s = time.monotonic()
             self._steps_s.append(now_s - begun_s)
-            published = Published(
-                estimate, self._map_from_odom(estimate), True, self.counts["dropped"], now_s - sight.arrived_s
-            )
+            moved, after_s = self._map_from_odom(estimate), now_s - sight.arrived_s
+            published = Published(estimate, moved, True, self.counts["dropped"], after_s, frame=self._localizer.frame)
             self.counts["published"] += 1
             self.counts[estimate.status.value] += 1
             self._publish(published)

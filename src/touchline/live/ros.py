@@ -46,7 +46,9 @@ class RosReader:
     """
 
     def __init__(self, base: str | None = None, camera: Camera | None = None, late_ms: float = 0.0) -> None:
-        self._wanted, self._camera, self._late_ns = base, camera, round(1e6 * late_ms)
+        self._wanted, self._late_ns = base, round(1e6 * late_ms)
+        self.camera = camera
+        """That of the images, given or described."""
         self._tree = FrameTree()
         mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._track = CameraTrack(self._tree, base, mount)
@@ -96,7 +98,7 @@ class RosReader:
         elif role in (roles.IMU, roles.COMPASS):
             yield from self._inertial(message, role == roles.IMU, with_compass or role == roles.COMPASS)
         elif role == roles.CAMERA_INFO:
-            self._info = message if self._camera is None else None
+            self._info = message if self.camera is None else None
         elif role == roles.IMAGE:
             yield from self._described()
             yield from self._image(message)
@@ -124,8 +126,8 @@ class RosReader:
         if isinstance(mapping, str):
             count_refused(self.counted, f"an image without a camera: {mapping}; --camera FILE gives one")
             return
-        self._camera, self._info = camera_from_mapping(mapping, Path("CameraInfo")), None
-        yield Described(self._camera)
+        self.camera, self._info = camera_from_mapping(mapping, Path("CameraInfo")), None
+        yield Described(self.camera)
 
     def _stamp(self, message: Any) -> int:
         """The stamp of a message's header (ns); of one without, the time now by /clock, else by this machine, less the
@@ -140,9 +142,9 @@ class RosReader:
         """Raises InputError for features in pixels where the camera, or how it leaned, is not known."""
         if not in_pixels(message):
             return feature_rows(role, message, self._base_from(message))
-        if self._camera is None:
+        if self.camera is None:
             raise InputError("features in pixels need a CameraInfo beside an image, or --camera")
-        return pixel_feature_rows(role, message, self._track.view(self._camera, message.header.frame_id, stamp_ns))
+        return pixel_feature_rows(role, message, self._track.view(self.camera, message.header.frame_id, stamp_ns))
 
     def _inertial(self, message: Any, rates_too: bool, with_compass: bool) -> Iterator[Heard]:
         stamp_ns, sensor = self._stamp(message), self._base_from(message)

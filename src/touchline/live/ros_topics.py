@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from touchline.sources.bags import roles
@@ -36,19 +34,5 @@ PLAYED = {
     WHEELS_TOPIC: FIXED_TYPES[SAID],
     SEEN_TOPIC: FIXED_TYPES[SAID],
 }
-POSE, DIAGNOSTICS, BOOSTER_POSE = "/touchline/pose", "/diagnostics", "/booster_soccer/robot_pose"
-POSE_TYPE, TF_TYPE, DIAGNOSTICS_TYPE, BOOSTER_POSE_TYPE = (
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "tf2_msgs/msg/TFMessage",
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "geometry_msgs/msg/Pose2D",
-)
+BOOSTER_POSE, BOOSTER_POSE_TYPE = "/booster_soccer/robot_pose", "geometry_msgs/msg/Pose2D"
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw of a covariance (6, 6)
-
-
-class Outgoing(NamedTuple):
-    """A message on its way: topic, type, and the message itself."""
-
-    topic: str
-    kind: str
-    message: Any

@@ -1,38 +1,25 @@
-"""Estimates, and what a recording holds, as messages of ROS.
-
-What goes is a pose with covariance on NAMESPACE/touchline/pose, map → odom (or map → base_footprint without odometry)
-on /tf, and the reasons on /diagnostics (REP 103, REP 105); of Booster's robots /booster_soccer/robot_pose, too.
-"""
+"""Estimates, and what a recording holds, as messages of ROS; of Booster's robots /booster_soccer/robot_pose, too."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
 
 from touchline.live.datagrams import reading_datagram, seen_datagram
 from touchline.live.heard import Picture, Published, Reading
 from touchline.live.ros_topics import (
     BOOSTER_POSE,
     BOOSTER_POSE_TYPE,
-    DIAGNOSTICS,
-    DIAGNOSTICS_TYPE,
     IMAGE_TOPIC,
     IMU_TOPIC,
     ODOMETRY_TOPIC,
     PLAYED,
-    POSE,
-    POSE_TYPE,
     SEEN_TOPIC,
-    TF_TYPE,
     WHEELS_TOPIC,
-    Outgoing,
 )
-from touchline.sources.bags import roles
-from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages
+from touchline.sources.bags.result_messages import Outgoing, ResultMessages
+from touchline.sources.bags.standard import BASE, OPTICAL
 from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Status
@@ -42,12 +29,11 @@ _MAX_BYTES = 8_000_000  # of what a detector found
 
 
 class RosWriter:
-    """Estimates, and what a recording holds, to messages. namespace: before the names of Touchline's own topics."""
+    """Estimates, and what a recording holds, to messages."""
 
-    def __init__(self, codec: Codec, namespace: str = "") -> None:
-        self._make = StandardMessages(codec)
-        self._codec = codec
-        self._namespace = namespace
+    def __init__(self, codec: Codec, results: ResultMessages | None = None) -> None:
+        self.results = results or ResultMessages(codec)
+        self._make, self._codec = self.results.standard, codec
         self._inertial: dict[str, tuple[float, ...]] = {}
         self._inertial_ns = 0
         self._booster: str | None = None
@@ -58,18 +44,16 @@ class RosWriter:
         return self._booster
 
     def published(self, published: Published) -> Iterator[Outgoing]:
-        """An estimate: pose and transform; of an image the diagnostics, too."""
+        """An estimate: pose and transform; of an image what explains it, too."""
         e = published.estimate
         stamp_ns = max(e.stamp_ns, 0)
-        yield Outgoing(self._namespace + POSE, POSE_TYPE, self._make.estimated(stamp_ns, e))
-        if e.status is Status.TRACKING:
-            if self._booster is not None:
-                flat = dict(zip(("x", "y", "theta"), map(float, e.pose), strict=True))
-                yield Outgoing(self._booster, BOOSTER_POSE_TYPE, self._codec.make(BOOSTER_POSE_TYPE, **flat))
-            yield Outgoing("/tf", TF_TYPE, self._make.map_from(stamp_ns, e, published.map_from_odom))
+        yield from self.results.located(stamp_ns, e, published.map_from_odom)
+        if e.status is Status.TRACKING and self._booster is not None:
+            flat = dict(zip(("x", "y", "theta"), map(float, e.pose), strict=True))
+            yield Outgoing(self._booster, BOOSTER_POSE_TYPE, self._codec.make(BOOSTER_POSE_TYPE, **flat))
         if published.image:
             more = {"dropped images": published.dropped, "after_s": round(published.after_s, 4)}
-            yield Outgoing(DIAGNOSTICS, DIAGNOSTICS_TYPE, self._make.diagnostics(stamp_ns, e, more))
+            yield from self.results.explained(stamp_ns, e, more)
 
     def played(self, event: Reading | Picture) -> Iterator[Outgoing]:
         """What a recording holds, as a robot's messages; samples of one IMU at one time are one message."""
@@ -84,8 +68,8 @@ class RosWriter:
             elif event.data is not None:
                 if event.base_from_camera is not None:
                     optical = event.base_from_camera.compose(BODY_FROM_OPTICAL)
-                    yield Outgoing("/tf", TF_TYPE, self._make.transform(stamp_ns, BASE, OPTICAL, optical))
-                yield Outgoing(IMAGE_TOPIC, PLAYED[IMAGE_TOPIC], self._compressed(stamp_ns, event.data))
+                    yield Outgoing("/tf", PLAYED["/tf"], self._make.transform(stamp_ns, BASE, OPTICAL, optical))
+                yield Outgoing(IMAGE_TOPIC, PLAYED[IMAGE_TOPIC], self._make.compressed(stamp_ns, event.data))
         elif inertial:
             self._inertial_ns = event.stamp_ns
             self._inertial[event.sensor] = event.values
@@ -111,9 +95,3 @@ class RosWriter:
         self._inertial = {}
         message = self._make.imu(max(self._inertial_ns, 0), (roll, pitch, yaw), rates)
         return Outgoing(IMU_TOPIC, PLAYED[IMU_TOPIC], message)
-
-    def _compressed(self, stamp_ns: int, data: bytes) -> Any:
-        kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
-        header = self._make.header(stamp_ns, OPTICAL)
-        pixels = np.frombuffer(data, dtype=np.uint8)
-        return self._codec.make(roles.COMPRESSED_IMAGE, header=header, format=kind, data=pixels)

@@ -1,18 +1,23 @@
 """The pictures of a report: some images with what was seen in them, and the field with belief and particles."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import cv2
 
+from touchline.camera import Camera
 from touchline.evaluation.report import Picture
-from touchline.evaluation.runner import KeptFrame, RunTally, Thumbnails
+from touchline.evaluation.runner import KeptFrame, RunTally, Thumbnails, robot_setup
 from touchline.evaluation.tum import pose_text
+from touchline.field import FieldModel
 from touchline.messages import counted
+from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
+from touchline.perception.detector import observe
 from touchline.sources import Recording
-from touchline.systems import LocalizationSystem
-from touchline.types import Estimate, Frame, ImageArray, Status
+from touchline.systems import SYSTEMS, LocalizationSystem, open_system
+from touchline.types import Estimate, Frame, ImageArray, Observation, Status
 from touchline.view.belief import belief_of, belief_picture
 from touchline.view.overlay import overlay_image
 
@@ -44,23 +49,51 @@ def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: Loc
     return [*pictures, Picture(title, caption, drawn)]
 
 
-_WIDTH_PX, _JPEG_QUALITY = 320, 70
+_WIDTH_PX, _WIDE_PX, _JPEG_QUALITY = 320, 640, 70
 
 
 def thumbnails(source: Recording) -> Thumbnails:
     """What draws small pictures of a recording's frames: the image, what was seen, field lines where tracked."""
 
     def draw(frame: Frame, estimate: Estimate, lean: tuple[float, float] | None) -> bytes | None:
-        if frame.image is None:
-            return None
-        field = source.field if estimate.status is Status.TRACKING else None
-        view = view_at(source.camera, frame, lean)
-        drawn = overlay_image(frame.image, view, field, estimate.pose, estimate.observation, 1)
-        height, width = frame.image.shape[:2]
-        scale = min(1.0, _WIDTH_PX / width)
-        size = (max(1, round(scale * width)), max(1, round(scale * height)))
-        small = cv2.resize(drawn[:height], size, interpolation=cv2.INTER_AREA)  # without the legend below
-        done, code = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return code.tobytes() if done else None
+        return thumbnail(source.camera, source.field, frame, estimate, lean)
 
     return draw
+
+
+def looks(source: Recording, system: str) -> Callable[[Frame, Estimate], tuple[Observation | None, bytes | None]]:
+    """What was seen in an image, by its own detector or the system's, and a picture of it; called frame by frame."""
+    setup = robot_setup(source)
+    detector = None if system not in SYSTEMS else open_system(system, setup).detector
+    leaning = LeanFilter()
+
+    def look(frame: Frame, estimate: Estimate) -> tuple[Observation | None, bytes | None]:
+        leaning.add(frame)
+        seen = observe(frame, detector)
+        if setup.camera is None:
+            return seen, None
+        shown, lean = replace(estimate, observation=seen), leaning.lean(frame.stamp_ns)
+        return seen, thumbnail(setup.camera, source.field, frame, shown, lean, _WIDE_PX)
+
+    return look
+
+
+def thumbnail(
+    camera: Camera,
+    field: FieldModel | None,
+    frame: Frame,
+    estimate: Estimate,
+    lean: tuple[float, float] | None,
+    width_px: int = _WIDTH_PX,
+) -> bytes | None:
+    """A JPEG of an image, at most so wide, with what was seen, and field lines where tracked; None without an image."""
+    if frame.image is None:
+        return None
+    shown = field if estimate.status is Status.TRACKING else None
+    drawn = overlay_image(frame.image, view_at(camera, frame, lean), shown, estimate.pose, estimate.observation, 1)
+    height, width = frame.image.shape[:2]
+    scale = min(1.0, width_px / width)
+    size = (max(1, round(scale * width)), max(1, round(scale * height)))
+    small = cv2.resize(drawn[:height], size, interpolation=cv2.INTER_AREA)  # without the legend below
+    done, code = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return code.tobytes() if done else None

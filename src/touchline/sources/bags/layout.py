@@ -27,6 +27,7 @@ TABLES = {
     "images.csv": IMAGE_ROWS,
 }
 """Files of which each line is a message, its header the first one."""
-LATCHED_TOPICS = frozenset((*WHOLE.values(), "/tf_static", "/camera/camera_info"))
+LATCHED_RESULTS = ("/touchline/pose", "/touchline/field_lines", "/touchline/map")
+LATCHED_TOPICS = frozenset((*WHOLE.values(), *LATCHED_RESULTS, "/tf_static", "/camera/camera_info"))
 EPOCH_KEY = "clock_starts_at_ns"
 """In sequence.yaml: what the bag's clock showed at t = 0."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,11 +22,20 @@ _VALUES = (
 _LEVELS = {Status.TRACKING: 0, Status.SEARCHING: 1, Status.LOST: 2}  # fine, warning, error
 
 
+class Frames(NamedTuple):
+    """Names of the field's frame, of the odometry's and of the robot's on the ground."""
+
+    map: str = MAP
+    odom: str = ODOM
+    base: str = BASE
+
+
 class StandardMessages:
     """Makes messages; stamps are in nanoseconds of the bag's clock."""
 
     def __init__(self, codec: Codec) -> None:
         self._make = codec.make
+        self.frames = Frames()
 
     def header(self, stamp_ns: int, frame: str) -> Any:
         """std_msgs/Header; seconds beyond 32 bits stay at the last ones."""
@@ -36,8 +45,8 @@ class StandardMessages:
 
     def odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> Any:
         """nav_msgs/Odometry, without covariances and velocities, which nobody knows."""
-        header, pose = self.header(stamp_ns, ODOM), {"pose": _planar(x, y, theta)}
-        return self._make("nav_msgs/msg/Odometry", header=header, child_frame_id=BASE, pose=pose)
+        header, pose = self.header(stamp_ns, self.frames.odom), {"pose": planar(x, y, theta)}
+        return self._make("nav_msgs/msg/Odometry", header=header, child_frame_id=self.frames.base, pose=pose)
 
     def imu(self, stamp_ns: int, attitude: Sequence[float], rates: Sequence[float]) -> Any:
         """sensor_msgs/Imu of roll, pitch, yaw (rad; NaN: 0, and unknown if all are) and rates (rad/s; NaN: unknown)."""
@@ -45,17 +54,17 @@ class StandardMessages:
         roll, pitch, yaw = np.where(known, attitude, 0.0).tolist()
         return self._make(
             "sensor_msgs/msg/Imu",
-            header=self.header(stamp_ns, BASE),
+            header=self.header(stamp_ns, self.frames.base),
             orientation=_quaternion(Pose3.from_roll_pitch_yaw(roll, pitch, yaw).rotation),
             orientation_covariance=None if known.any() else _UNKNOWN,
-            angular_velocity=_xyz(*rates) if turning else None,
+            angular_velocity=xyz(*rates) if turning else None,
             angular_velocity_covariance=None if turning else _UNKNOWN,
             linear_acceleration_covariance=_UNKNOWN,
         )
 
     def pose(self, stamp_ns: int, x: float, y: float, heading: float, covariance: FloatArray | None = None) -> Any:
         """geometry_msgs/PoseStamped in the field's frame; with a covariance (36,), PoseWithCovarianceStamped."""
-        header, pose = self.header(stamp_ns, MAP), _planar(x, y, heading)
+        header, pose = self.header(stamp_ns, self.frames.map), planar(x, y, heading)
         if covariance is None:
             return self._make("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
         uncertain = {"pose": pose, "covariance": covariance}
@@ -63,10 +72,18 @@ class StandardMessages:
 
     def transform(self, stamp_ns: int, parent: str, child: str, parent_from_child: Pose3) -> Any:
         """tf2_msgs/TFMessage of one frame."""
-        place, turn = _xyz(*parent_from_child.translation_m), _quaternion(parent_from_child.rotation)
+        place, turn = xyz(*parent_from_child.translation_m), _quaternion(parent_from_child.rotation)
         transform = {"translation": place, "rotation": turn}
         each = {"header": self.header(stamp_ns, parent), "child_frame_id": child, "transform": transform}
         return self._make("tf2_msgs/msg/TFMessage", transforms=[each])
+
+    def compressed(self, stamp_ns: int, data: bytes) -> Any:
+        """sensor_msgs/CompressedImage of the content of a JPEG or PNG file."""
+        kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
+        pixels = np.frombuffer(data, dtype=np.uint8)
+        return self._make(
+            "sensor_msgs/msg/CompressedImage", header=self.header(stamp_ns, OPTICAL), format=kind, data=pixels
+        )
 
     def camera_info(self, stamp_ns: int, camera: Mapping[str, Any]) -> Any:
         """sensor_msgs/CameraInfo of the keys of a perspective camera.yaml."""
@@ -91,9 +108,8 @@ class StandardMessages:
 
     def map_from(self, stamp_ns: int, estimate: Estimate, map_from_odom: Pose | None) -> Any:
         """tf2_msgs/TFMessage of an estimate: map → odom, or map → base where that is not known (REP 105)."""
-        x, y, heading = map_from_odom or estimate.pose
-        placed = Pose3.from_roll_pitch_yaw(0.0, 0.0, heading, (x, y, 0.0))
-        return self.transform(stamp_ns, MAP, BASE if map_from_odom is None else ODOM, placed)
+        child = self.frames.base if map_from_odom is None else self.frames.odom
+        return self.transform(stamp_ns, self.frames.map, child, on_ground(map_from_odom or estimate.pose))
 
     def diagnostics(self, stamp_ns: int, estimate: Estimate, more: Mapping[str, object] | None = None) -> Any:
         """diagnostic_msgs/DiagnosticArray of one status, why it is so, and what is wrong. more: values to add."""
@@ -114,13 +130,19 @@ class StandardMessages:
         return self._make("diagnostic_msgs/msg/DiagnosticArray", header=self.header(stamp_ns, ""), status=[status])
 
 
-def _planar(x: float, y: float, heading: float) -> Fields:
+def on_ground(pose: Pose) -> Pose3:
+    """A pose on the ground as one in space."""
+    return Pose3.from_roll_pitch_yaw(0.0, 0.0, pose.heading, (pose.x, pose.y, 0.0))
+
+
+def planar(x: float, y: float, heading: float) -> Fields:
     """geometry_msgs/Pose on the ground."""
     turn = {"z": math.sin(0.5 * heading), "w": math.cos(0.5 * heading)}
-    return {"position": _xyz(x, y, 0.0), "orientation": turn}
+    return {"position": xyz(x, y, 0.0), "orientation": turn}
 
 
-def _xyz(x: float, y: float, z: float) -> Fields:
+def xyz(x: float, y: float, z: float) -> Fields:
+    """geometry_msgs/Point or Vector3."""
     return {"x": float(x), "y": float(y), "z": float(z)}
 
 

@@ -41,6 +41,8 @@ _PLACES = "float32[] received_pos\nfloat32[] position\nfloat32[] position_projec
 _SEEN = "std_msgs/Header header\nvision_interface/DetectedObject[] detected_objects\n"
 
 DEFINITIONS = {
+    "nav2_msgs/msg/Particle": "geometry_msgs/Pose pose\nfloat64 weight\n",
+    "nav2_msgs/msg/ParticleCloud": "std_msgs/Header header\nnav2_msgs/Particle[] particles\n",
     "vision_interface/msg/DetectedObject": _OBJECT.format(color="string color\n", pixel="float32[] target_uv\n")
     + _PLACES
     + "float32[] position_cam\nint32 position_confidence\n",
