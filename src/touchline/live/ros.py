@@ -163,7 +163,7 @@ class RosReader:
         if hasattr(message, "encoding"):
             pixels = image_pixels(message)
             if isinstance(pixels, str):
-                self.counted[f"an image {pixels}"] += 1
+                count_refused(self.counted, f"an image {pixels}")
             else:
                 yield Sight(self._stamp(message), time.monotonic(), pixels, base_from_camera=camera)
         else:
@@ -173,7 +173,7 @@ class RosReader:
     def _points(self, message: Any) -> Iterator[Heard]:
         points = cloud_points(message)
         if isinstance(points, str):
-            self.counted[f"a cloud of points {points}"] += 1
+            count_refused(self.counted, f"a cloud of points {points}")
             return
         seen = points_at(np.ascontiguousarray(self._base_from(message).transform(points)[:, :2]))
         stamp_ns = self._stamp(message)

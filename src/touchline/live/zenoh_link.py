@@ -127,7 +127,8 @@ class Zenoh:
     def wanted(self, name: str) -> bool:
         """Whether somebody reads what is published there."""
         publisher: Any = self._publishers[name][0] if name in self._publishers else None
-        return isinstance(publisher, zenoh.Publisher) and bool(publisher.matching_status.matching)
+        status = getattr(publisher, "matching_status", None)  # a latched one has none, and is written anyway
+        return status is not None and bool(status.matching)
 
     def _appeared(self, sample: Any) -> None:
         """A token of a publisher: its topic and type; what is none of ROS's is left aside."""
