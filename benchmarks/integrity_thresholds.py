@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -26,11 +28,13 @@ from touchline.evaluation.workers import open_workers
 from touchline.experiments.catalogue import FEATURES, KINDS_OF_ROBOTS, MIRROR, driven_by
 from touchline.experiments.clutter import one_line
 from touchline.experiments.drives import Drive, driven, estimates_of
-from touchline.experiments.faults import NO_ALARM, Score, frames_of, misleading
+from touchline.experiments.faults import Score, frames_of, misleading
 from touchline.experiments.injections import Fault, odometry
 from touchline.geometry import FloatArray
+from touchline.messages import without_numbers
 
 QUANTILE = 0.99
+NO_FALSE_ALARM = re.compile(r"^undecided|: corrected$")  # what is said with right, or is no sensor's fault
 APART_S = 2.0  # values beyond the quantile that lie nearer are of one event
 SLIP_EVERY_S, SLIP_S, SLIP_M_S = 10.0, 0.2, 1.5  # how often wheels slip, for how long, and how fast they roll then
 _LONE_S = 4.0  # from when on one line alone is seen
@@ -50,14 +54,15 @@ CONDITIONS = {
 
 
 class Log(NamedTuple):
-    """Of one drive: times (N,) in s and each statistic (N,). alarms: how often a problem was said or a statistic was
-    beyond its threshold. tracked: images.
+    """Of one drive: times (N,) in s and each statistic (N,). tracked: images.
+
+    alarms: what was said where nothing had been, or which statistic was beyond its threshold.
     """
 
     name: str
     times_s: FloatArray
     values: Mapping[str, FloatArray]
-    alarms: int
+    alarms: Sequence[str]
     tracked: int
     score: Score
 
@@ -117,9 +122,17 @@ def log_of(task: tuple[str, int, int, float]) -> Log:
     estimates = estimates_of("touchline", drive, task[2])
     names = sorted({name for estimate in estimates for name in estimate.statistics})
     values = {name: np.array([estimate.statistics.get(name, 0.0) for estimate in estimates]) for name in names}
-    said = np.array([any(not text.startswith(NO_ALARM) for text in estimate.problems) for estimate in estimates])
-    said |= np.array([max(estimate.statistics.values(), default=0.0) >= 1.0 for estimate in estimates])
-    alarms, found = int(np.count_nonzero(np.diff(said.astype(np.int8), prepend=0) > 0)), frames_of(drive, estimates)
+    alarms, before = list[str](), set[str]()
+    for estimate in estimates:
+        said = {without_numbers(text) for text in estimate.problems if not NO_FALSE_ALARM.search(text)}
+        said |= {
+            f"{name} is beyond its threshold"
+            for name, value in estimate.statistics.items()
+            if value >= 1.0 and not said
+        }
+        alarms += said if not before else ()
+        before = said
+    found = frames_of(drive, estimates)
     return Log(task[0], drive.times_s, values, alarms, int(found.tracking.sum()), found.score())
 
 
@@ -146,12 +159,13 @@ def report(logs: Sequence[Log], hours: float) -> list[str]:
         scores = [log.score for log in some]
         level_cm = 100.0 * np.median(np.concatenate([score.bounds[:, 1] for score in scores]))
         tracked = 100.0 * sum(log.tracked for log in some) / sum(score.frames for score in scores)
-        cells = (sum(log.alarms for log in some), sum(score.wrong + score.other_end for score in scores))
+        cells = (sum(len(log.alarms) for log in some), sum(score.wrong + score.other_end for score in scores))
         lines.append(
             f"{name:20s} {hours_of(some):9.2f} {cells[0]:9d} {cells[1]:9d} {tracked:9.1f} {level_cm:9.1f} "
             f"{misleading(scores):>9s}"
         )
-    return lines
+    said = Counter(f"{log.name}: {text}" for log in logs for text in log.alarms)
+    return [*lines, *(f"{count} × {text}" for text, count in said.most_common())]
 
 
 def main() -> None:
