@@ -6,7 +6,7 @@ LOWEST := .venv-lowest
 WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser cluster docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -29,7 +29,7 @@ tests: loops
 
 # Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
 # it says how to install one, and fails.
-test-all: test docs tutorials browser cluster mutated fastdds processes
+test-all: test docs tutorials browser cluster season mutated fastdds processes
 
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
@@ -54,6 +54,11 @@ mutated: $(VENV)/installed
 # The same numbers on one core, on two and on a cluster.
 cluster: $(VENV)/installed
 	$(BIN)/pytest tests/cluster_workers.py
+
+# Recordings in an object store, a cluster whose worker dies, the questions of the season's page.
+season: $(VENV)/installed
+	$(BIN)/pip install --quiet 'moto[server]' s3fs duckdb
+	$(BIN)/pytest tests/season_store.py
 
 # The documentation as a site, build/docs/site: any warning and any link that leads nowhere is an error.
 docs: $(VENV)/installed

@@ -64,6 +64,7 @@ ROOMS = (
     "view",
     "experiments",
     "api",
+    "season",
     "localizer",
     "live",
     "cli",

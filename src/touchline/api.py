@@ -6,7 +6,7 @@ import math
 import platform
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -105,8 +105,11 @@ class PreparedRun:
         *,
         on_frame: Sequence[OnFrame] = (),
         stop: Callable[[], bool] = lambda: False,
+        report: Callable[[Mapping[str, Any]], bool] = lambda summary: True,
     ) -> tuple[Run, BaseException | None]:
         """Run to the end, to a failure, or until `stop` says so; the (new, empty) folder is finished in each case.
+
+        report: whether a run with this summary gets a report.
 
         Returns the run, and the exception that ended it, if one did. Raises TouchlineError, with the file's name, for
         what cannot be written; what was written before stays whole.
@@ -126,11 +129,13 @@ class PreparedRun:
                 draw=thumbnails(self.source),
             )
         try:
-            return self._finish(folder, description, tally), tally.failure
+            return self._finish(folder, description, tally, report), tally.failure
         except TouchlineError as error:  # on a full disk the rows' own failure says what was lost
             raise (tally.failure if isinstance(tally.failure, TouchlineError) else error) from None
 
-    def _finish(self, folder: Path, description: dict[str, Any], tally: RunTally) -> Run:
+    def _finish(
+        self, folder: Path, description: dict[str, Any], tally: RunTally, report: Callable[[Mapping[str, Any]], bool]
+    ) -> Run:
         summary = {**description, **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
         summary["why_not_localised"] = self._why_not_localised(tally)
@@ -142,7 +147,8 @@ class PreparedRun:
             summary["errors"] = finished.errors.as_dict()
         finished.summary = summary
         write_summary(folder, summary)
-        _write_report(finished, self.source, tally, self.system)
+        if report(summary):
+            _write_report(finished, self.source, tally, self.system)
         return finished
 
     def _why_not_localised(self, tally: RunTally) -> str | None:

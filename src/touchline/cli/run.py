@@ -30,6 +30,7 @@ from touchline.cli.options import (
     bag_options,
 )
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
+from touchline.cli.workers import DaskAddress
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
 from touchline.messages import counted
@@ -59,10 +60,16 @@ class InterruptedRun(TouchlineError):
 
 
 def run(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording: a folder, an MCAP file, a bag.")],
+    recordings: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RECORDING...",
+            help="A recording: a folder, an MCAP file, a bag. Many: several, a folder that holds some, a list.txt.",
+        ),
+    ],
     system: SystemName = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).")
+        str | None, typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).")
     ] = None,
     start: StartPose = None,
     own_half: OwnHalf = False,
@@ -82,10 +89,36 @@ def run(
     from_zero: FromZero = False,
     view: ShowIn = None,
     rrd: KeepIn = None,
+    report: Annotated[str, typer.Option(metavar="all|failed|none", help="Of many: which runs get a report.")] = "all",
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", min=1, metavar="N", help="Of many: so many processes (default: all cores)."),
+    ] = None,
+    dask: DaskAddress = None,
 ) -> None:
-    """Localise a recording: trajectory, estimates, summary and report in a new folder."""
+    """Localise a recording: trajectory, estimates, summary and report in a new folder. Many: a folder for each.
+
+    A run of many that was cut off goes on with the same command: what its journal says is done is not done again.
+    """
     if start is not None and own_half:
         raise InputError("--start and --own-half exclude each other: give the pose, or only the half")
+    from touchline.season import Command, is_season
+
+    bag = bag_options(topics, field, camera, base, late, from_zero)
+    if is_season(recordings):
+        if start is not None or view is not None or rrd is not None:
+            raise InputError("--start, --view and --rrd are for one recording")
+        if output is None:
+            raise InputError("--output is missing: the folder for the runs of many recordings")
+        from touchline.cli.season import run_all
+        from touchline.systems import DEFAULT_SYSTEM
+
+        file = None if config is None else str(config.resolve())
+        given = tuple(settings or ())
+        name = system or DEFAULT_SYSTEM
+        command = Command(name, file, given, preset, own_half, seed, follow_links, bag.to_dict(), report)
+        return run_all(recordings, output, command, workers, dask)
+    recording = Path(recordings[0])
     from touchline.api import prepare
     from touchline.sources import open_source
     from touchline.systems import DEFAULT_SYSTEM, system_info
@@ -94,10 +127,10 @@ def run(
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
     name = system or DEFAULT_SYSTEM
     system_info(name)  # an unknown name is told before the recording is read
-    source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late, from_zero))
+    source = open_source(recording, follow_links, bag)
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     with shown_in(view, rrd) as screen:
-        execute(prepared, output, on_frame=on_screen(screen, prepared))
+        execute(prepared, None if output is None else Path(output), on_frame=on_screen(screen, prepared))
 
 
 def on_screen(screen: Screen | None, prepared: PreparedRun) -> Sequence[OnFrame]:

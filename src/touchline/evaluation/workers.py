@@ -5,7 +5,7 @@ A task holds all that its result depends on, its seed among it, so that no worke
 
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -25,6 +25,10 @@ class Workers(Protocol):
         """The results in the order of the tasks. function: of a module, not made on the way."""
         ...
 
+    def unordered(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """The results as they come."""
+        ...
+
 
 class Here:
     """This process alone."""
@@ -33,16 +37,29 @@ class Here:
         """One after the other."""
         return map(function, tasks)
 
+    unordered = map
+
 
 class _Pool:
     def __init__(self, executor: ProcessPoolExecutor) -> None:
         self._executor = executor
 
     def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
-        try:
+        with _ended_told():
             yield from self._executor.map(function, tasks)
-        except BrokenProcessPool:
-            raise TouchlineError("a worker was ended from outside (is there too little memory?); take fewer") from None
+
+    def unordered(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        with _ended_told():
+            for future in as_completed([self._executor.submit(function, task) for task in tasks]):
+                yield future.result()
+
+
+@contextmanager
+def _ended_told() -> Iterator[None]:
+    try:
+        yield
+    except BrokenProcessPool:
+        raise TouchlineError("a worker was ended from outside (is there too little memory?); take fewer") from None
 
 
 class _Cluster:
@@ -52,6 +69,13 @@ class _Cluster:
     def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
         for future in self._client.map(function, tasks, pure=False):
             yield future.result()
+
+    def unordered(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        from distributed import as_completed as completed_there
+
+        futures = self._client.map(function, tasks, pure=False)
+        for _, result in completed_there(futures, loop=self._client.loop, with_results=True):
+            yield result
 
 
 @contextmanager

@@ -1,0 +1,153 @@
+"""`touchline run` with many recordings: folders, journal, tables, what fails, and going on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+
+import touchline
+from touchline.cli import main
+from touchline.errors import InputError
+from touchline.evaluation.workers import open_workers
+from touchline.season import Command, find_recordings, is_season, localize_all
+from touchline.season.recordings import folder_names
+from touchline.season.runs import JOURNAL
+from touchline.season.tables import RUNS_CSV
+from touchline.sources import BagOptions
+
+NAMES = ("omni_msl_kidnap", "omni_msl_sun")
+
+
+@pytest.fixture(scope="module")
+def season(small_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two recordings, and a broken one between them."""
+    folder = tmp_path_factory.mktemp("season")
+    for name in NAMES:
+        shutil.copytree(small_data / name, folder / "games" / name)
+    (folder / "games" / "broken").mkdir()
+    (folder / "games" / "broken" / "sequence.yaml").write_text("format: 1\n")
+    return folder
+
+
+def rows_of(folder: Path) -> dict[str, dict[str, str]]:
+    with (folder / RUNS_CSV).open(encoding="utf-8") as file:
+        return {row["run"]: row for row in csv.DictReader(file)}
+
+
+def run_many(season: Path, output: Path, *more: str) -> int:
+    given = ["run", str(season / "games"), "--output", str(output), "--workers", "1", "--system", "nubot-mti"]
+    return main([*given, "--report", "failed", *more])
+
+
+def test_each_has_a_folder_and_a_row_and_one_failure_is_not_the_end(
+    season: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_many(season, tmp_path / "out") == 1
+    said = capsys.readouterr()
+    assert "3 recordings, 1 failed" in said.out
+    assert "broken: failed: " in said.err
+    rows = rows_of(tmp_path / "out")
+    assert list(rows) == ["broken", *NAMES]
+    assert "key 'camera' is missing" in rows["broken"]["failure"]
+    assert not (tmp_path / "out" / "broken").exists()
+    for name in NAMES:
+        alone = touchline.run(season / "games" / name, "nubot-mti", output=tmp_path / f"alone-{name}")
+        lines = [(folder / "trajectory.tum").read_text() for folder in (tmp_path / "out" / name, alone.folder)]
+        assert lines[0] == lines[1]
+        assert alone.errors is not None
+        assert float(rows[name]["position_mean_m"]) == pytest.approx(alone.errors.position.mean)
+        assert int(rows[name]["images"]) == len(alone.estimates)
+        assert not (tmp_path / "out" / name / "report.html").exists()
+
+
+def test_what_was_cut_off_goes_on(season: Path, tmp_path: Path) -> None:
+    run_many(season, tmp_path / "out")
+    journal = tmp_path / "out" / JOURNAL
+    lines = journal.read_text().splitlines(keepends=True)
+    kept = [line for line in lines if f'"run": "{NAMES[1]}"' not in line]
+    journal.write_text("".join(kept) + '{"run": "omni_msl_s')  # killed while it wrote
+    before = (tmp_path / "out" / NAMES[0] / "summary.json").stat().st_mtime_ns
+    (tmp_path / "out" / NAMES[1] / "trajectory.tum").write_text("half a li")
+    assert run_many(season, tmp_path / "out") == 1
+    assert (tmp_path / "out" / NAMES[0] / "summary.json").stat().st_mtime_ns == before
+    assert len((tmp_path / "out" / NAMES[1] / "trajectory.tum").read_text().splitlines()) == 20
+    assert {json.loads(line)["run"] for line in journal.read_text().splitlines()[1:]} == {"broken", *NAMES}
+
+
+def test_only_the_same_command_goes_on(season: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "other").mkdir()
+    assert run_many(season, tmp_path / "other") == 2
+    assert "exists already" in capsys.readouterr().err
+    (tmp_path / "out").mkdir()
+    head = {"command": Command("nubot-mti", report="failed", bag=BagOptions().to_dict()).to_dict()}
+    (tmp_path / "out" / JOURNAL).write_text(json.dumps(head) + "\n")
+    assert run_many(season, tmp_path / "out", "--seed", "7") == 2
+    assert "is of another command (other seed)" in capsys.readouterr().err
+    (tmp_path / "out" / JOURNAL).write_text("[]\n")
+    assert run_many(season, tmp_path / "out") == 2
+    assert "is no journal" in capsys.readouterr().err
+
+
+def test_a_recording_that_has_changed_is_done_again(season: Path, tmp_path: Path) -> None:
+    game = tmp_path / "game"
+    shutil.copytree(season / "games" / NAMES[1], game)
+    command = Command("nubot-mti", report="none")
+    with open_workers() as here:
+        localize_all([str(game)], str(tmp_path / "out"), command, here)
+        done: list[str] = []
+        localize_all([str(game)], str(tmp_path / "out"), command, here, lambda row, left: done.append(row["run"]))
+        assert done == []
+        (game / "odometry.csv").write_text((game / "odometry.csv").read_text() + "99.0,0,0,0\n")
+        localize_all([str(game)], str(tmp_path / "out"), command, here, lambda row, left: done.append(row["run"]))
+    assert done == ["game"]
+
+
+def test_which_recordings_are_meant(season: Path, tmp_path: Path) -> None:
+    games = season / "games"
+    each = [str(games / name) for name in ("broken", *NAMES)]
+    assert find_recordings([str(season)]) == each
+    listed = season / "list.txt"
+    listed.write_text(f"# the final\ngames/{NAMES[1]}\n\ns3://cup/final\n")
+    assert find_recordings([str(listed), each[1]]) == [each[2], "s3://cup/final", each[1]]
+    assert [is_season([text]) for text in (str(season), str(listed), "s3://cup/final", each[1], "nowhere")] == [
+        *(True, True, True),
+        *(False, False),
+    ]
+    (tmp_path / "empty.txt").write_text("\n")
+    with pytest.raises(InputError, match="lists no recording"):
+        find_recordings([str(tmp_path / "empty.txt")])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="nor a folder that holds recordings"):
+        find_recordings([str(tmp_path / "empty"), each[1]])
+    assert folder_names(["a/final", "b/final", "c/final-2", "s3://cup/final"]) == [
+        *("final", "final-2"),
+        *("final-2-2", "final-3"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("more", "wrong"),
+    [
+        (["--start", "0,0,0", "--output", "x"], "--start, --view and --rrd are for one recording"),
+        ([], "--output is missing"),
+        (["--output", "x", "--report", "some"], "--report some: expected one of all, failed, none"),
+    ],
+)
+def test_wrong_calls(season: Path, more: list[str], wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(season), *more]) == 2
+    assert wrong in capsys.readouterr().err
+
+
+def test_tables_of_columns(season: Path, tmp_path: Path) -> None:
+    assert run_many(season, tmp_path / "out") == 1
+    runs = pyarrow.parquet.read_table(tmp_path / "out" / "runs.parquet").to_pylist()
+    assert [row["run"] for row in runs] == ["broken", *NAMES]
+    assert runs[0]["images"] is None
+    estimates = pyarrow.parquet.read_table(tmp_path / "out" / NAMES[1] / "estimates.parquet")
+    assert estimates.num_rows == runs[2]["images"]
+    assert {"stamp_ns", "x_m", "heading_rad", "status", "protection_m"} <= set(estimates.column_names)
