@@ -352,7 +352,7 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
     [
         (["fly"], "fly"),
         (["--wings"], "--wings"),
-        (["run"], "'RECORDING'"),
+        (["run"], "'RECORDING...'"),
         (["run", "nowhere"], "nowhere: there is no such recording"),
         (["run", "tiny", "--wings"], "--wings"),
         (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),

@@ -20,6 +20,7 @@ from touchline.cli.options import (
     BagField,
     BagLate,
     ConfigFile,
+    DaskAddress,
     FollowLinks,
     FromZero,
     Overrides,
@@ -30,7 +31,6 @@ from touchline.cli.options import (
     bag_options,
 )
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
-from touchline.cli.workers import DaskAddress
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
 from touchline.messages import counted

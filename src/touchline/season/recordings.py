@@ -96,8 +96,8 @@ def fingerprint(recording: str) -> str:
     """
     try:
         if is_address(recording):
-            system, path = _store(recording)
-            rows = [f"{name} {entry.get('size')}" for name, entry in sorted(system.find(path, detail=True).items())]
+            system, place = _store(recording)
+            rows = [f"{name} {entry.get('size')}" for name, entry in sorted(system.find(place, detail=True).items())]
         else:
             path = Path(recording)
             files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
