@@ -1,4 +1,7 @@
-"""Numba loops over small matrices, for which NumPy takes longer than their sums."""
+"""Numba loops over small matrices, for which NumPy takes longer than their sums.
+
+Loops and no array expressions, here and where these are used: an assignment to a slice takes seconds to compile.
+"""
 
 from __future__ import annotations
 
@@ -56,6 +59,41 @@ def applied(matrix, vector):  # type: ignore[no-untyped-def]
         for k in range(len(vector)):
             out[i] += matrix[i, k] * vector[k]
     return out
+
+
+@njit(cache=True)
+def plus(a, b, factor):  # type: ignore[no-untyped-def]
+    """a + factor * b, of two small matrices."""
+    out = np.empty(a.shape)
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            out[i, k] = a[i, k] + factor * b[i, k]
+    return out
+
+
+@njit(cache=True)
+def add_to(total, block, factor):  # type: ignore[no-untyped-def]
+    """Add factor * block (A, B) to the upper left corner of a matrix, in place."""
+    for i in range(block.shape[0]):
+        for k in range(block.shape[1]):
+            total[i, k] += factor * block[i, k]
+
+
+@njit(cache=True)
+def symmetrise(matrix):  # type: ignore[no-untyped-def]
+    """The mean of a square matrix and its transpose, in place."""
+    for i in range(len(matrix)):
+        for k in range(i):
+            matrix[i, k] = matrix[k, i] = 0.5 * (matrix[i, k] + matrix[k, i])
+
+
+@njit(cache=True)
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """The sum of products of two vectors."""
+    total = 0.0
+    for k in range(len(a)):
+        total += a[k] * b[k]
+    return total
 
 
 @njit(cache=True, error_model="numpy")

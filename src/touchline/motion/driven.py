@@ -53,14 +53,17 @@ def linearise(pose, scales, motion, by_state, by_motion):  # type: ignore[no-unt
     """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     ahead, left = motion[0] * (1.0 + scales[0]), motion[1] * (1.0 + scales[1])
-    by_state[:] = np.eye(6)
+    for a in range(6):
+        for b in range(6):
+            by_state[a, b] = 1.0 if a == b else 0.0
     by_state[0, 2] = -sine * ahead - cosine * left
     by_state[1, 2] = cosine * ahead - sine * left
     by_state[0, 3], by_state[1, 3] = cosine * motion[0], sine * motion[0]
     by_state[0, 4], by_state[1, 4] = -sine * motion[1], cosine * motion[1]
     by_state[2, 5] = motion[2]
-    by_motion[:] = np.eye(3)
     by_motion[0, 0] = by_motion[1, 1] = cosine
     by_motion[0, 1], by_motion[1, 0] = -sine, sine
+    by_motion[0, 2] = by_motion[1, 2] = by_motion[2, 0] = by_motion[2, 1] = 0.0
+    by_motion[2, 2] = 1.0
     x, y = pose[0] + cosine * ahead - sine * left, pose[1] + sine * ahead + cosine * left
     return x, y, pose[2] + motion[2] * (1.0 + scales[2])

@@ -17,7 +17,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting, difference
-from touchline.matrices import inverse, times
+from touchline.matrices import add_to, applied, dot, inverse, plus, symmetrise, times
 from touchline.motion import MotionHistory
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
@@ -49,9 +49,12 @@ def followed(state, joint, told, noise, drift2):  # type: ignore[no-untyped-def]
     state[2] += told[2]
     move = np.eye(7)
     move[0, 2], move[1, 2] = -y, x
-    joint[:, :] = times(times(move, joint), move.T)
+    moved = times(times(move, joint), move.T)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    joint[:3, :3] += times(times(turn, noise), turn.T)
+    add_to(moved, times(times(turn, noise), turn.T), 1.0)
+    for a in range(7):
+        for b in range(7):
+            joint[a, b] = moved[a, b]
     for k in range(4):
         joint[3 + k, 3 + k] += drift2[k]
 
@@ -74,8 +77,8 @@ def corrected(state, joint, seen, covariance, velocity):  # type: ignore[no-unty
     ])  # fmt: skip
     off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
     crossed = times(joint, by.T)
-    weight = inverse(times(by, crossed) + covariance)
-    if (off * times(weight, off.reshape(3, 1))[:, 0]).sum() > JUMP:
+    weight = inverse(plus(times(by, crossed), covariance, 1.0))
+    if dot(off, applied(weight, off)) > JUMP:
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
@@ -84,11 +87,13 @@ def corrected(state, joint, seen, covariance, velocity):  # type: ignore[no-unty
         for k in range(7):
             joint[k, k] += more[k]
         crossed = times(joint, by.T)
-        weight = inverse(times(by, crossed) + covariance)
+        weight = inverse(plus(times(by, crossed), covariance, 1.0))
     gain = times(crossed, weight)
-    state += times(gain, off.reshape(3, 1))[:, 0]
-    joint -= times(gain, crossed.T)
-    joint[:, :] = 0.5 * (joint + joint.T)
+    step = applied(gain, off)
+    for k in range(7):
+        state[k] += step[k]
+    add_to(joint, times(gain, crossed.T), -1.0)
+    symmetrise(joint)
 
 
 class ConstantOffsets:

@@ -17,7 +17,7 @@ from numba import njit
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import CameraErrors
 from touchline.localization.estimator.filter import Filter
-from touchline.matrices import applied, inverse, log_determinant, times
+from touchline.matrices import applied, dot, inverse, log_determinant, plus, times
 
 MAX_LOG_ODDS = 30.0
 
@@ -47,7 +47,8 @@ def mean_of_both(pose, crossed, errors, mean, more, prior):  # type: ignore[no-u
     """Shift of a pose to the mean of both models, and its covariance (3, 3); arguments as of `as_exact`. prior:
     logarithm of the determinants of both priors' information, one over the other.
     """
-    shift, covariance, evidence = as_exact(pose, crossed, errors, mean, more)
+    # copies, as blocks of a matrix lie apart and would be another type to compile for
+    shift, covariance, evidence = as_exact(pose.copy(), crossed.copy(), errors.copy(), mean, more)
     if not math.isfinite(evidence):  # information too close to singular to be compared
         return (0.0, 0.0, 0.0), pose.copy()
     share = 1.0 / (1.0 + math.exp(-min(max(0.5 * prior + evidence, -MAX_LOG_ODDS), MAX_LOG_ODDS)))
@@ -67,8 +68,11 @@ def as_exact(pose, crossed, errors, mean, more):  # type: ignore[no-untyped-def]
     two priors' own normalisation.
     """
     known = inverse(errors)
-    wanted = known + more
+    wanted = plus(known, more, 1.0)
     after, by_error = inverse(wanted), times(crossed, known)
-    off = -applied(after, applied(more, mean))  # of the errors, what of them is taken back
-    fits = (applied(known, mean) * off).sum() + log_determinant(known) - log_determinant(wanted)
-    return applied(by_error, off), pose + times(times(by_error, after - errors), by_error.T), 0.5 * fits
+    off = applied(after, applied(more, mean))  # of the errors, what of them is taken back: its negative
+    for k in range(len(off)):
+        off[k] = -off[k]
+    fits = dot(applied(known, mean), off) + log_determinant(known) - log_determinant(wanted)
+    narrower = times(times(by_error, plus(after, errors, -1.0)), by_error.T)
+    return applied(by_error, off), plus(pose, narrower, 1.0), 0.5 * fits

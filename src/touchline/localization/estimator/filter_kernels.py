@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
-from touchline.matrices import applied, inverse, times
+from touchline.matrices import add_to, applied, inverse, plus, symmetrise, times
 from touchline.motion.driven import linearise
 
 _EXACT = 1e-14  # variance of what is known exactly
@@ -21,8 +21,12 @@ _EXACT = 1e-14  # variance of what is known exactly
 @njit(cache=True)
 def measured_covariance(joint, measured, per_image):  # type: ignore[no-untyped-def]
     """Covariance (S, S) of what an image shows, before it is seen."""
-    spread = joint[measured][:, measured]
-    spread[3:, 3:] += per_image
+    spread = np.empty((len(measured), len(measured)))
+    for a in range(len(measured)):
+        for b in range(len(measured)):
+            spread[a, b] = joint[measured[a], measured[b]]
+            if a >= 3 and b >= 3:
+                spread[a, b] += per_image[a - 3, b - 3]
     return spread
 
 
@@ -33,15 +37,18 @@ def predicted(joint, pose, scales, motion, by_delay, noise, seconds, drift):  # 
 
     pose, motion, by_delay (3,), noise (3, 3): as of `Filter.predict`; drift (N,): of every variance in a second.
     """
-    by_scales, by_state, by_motion = np.empty((6, 6)), np.eye(8), np.empty((3, 3))
+    by_scales, by_state, by_motion, grown = np.empty((6, 6)), np.zeros((8, 8)), np.empty((3, 3)), np.empty(len(drift))
     x, y, heading = linearise(pose, scales, motion, by_scales, by_motion)
-    by_state[:6, :6] = by_scales
+    add_to(by_state, by_scales, 1.0)
+    by_state[6, 6] = by_state[7, 7] = 1.0
+    delayed = applied(by_motion, by_delay)
     for a in range(3):
-        for b in range(3):
-            by_state[a, 7] += by_motion[a, b] * by_delay[b]
+        by_state[a, 7] = delayed[a]
     by_state[2, 6] = seconds
     added = times(times(by_motion, noise), by_motion.T)
-    return (x, y, heading), by_state[:3, 7], added, propagate(joint, by_state, added, seconds * drift)
+    for k in range(len(drift)):
+        grown[k] = seconds * drift[k]
+    return (x, y, heading), delayed, added, propagate(joint, by_state, added, grown)
 
 
 @njit(cache=True)
@@ -49,12 +56,17 @@ def propagate(joint, by_state, noise, drift):  # type: ignore[no-untyped-def]
     """Covariance (N, N) after a motion: by_state (M, M), derivative of the first M states after it by those before;
     noise (3, 3): what the motion adds to that of the pose; drift (N,): to every variance.
     """
-    out, moved = joint + np.diag(drift), len(by_state)
+    out, moved = joint.copy(), len(by_state)
     block = times(by_state, joint[:moved])
-    out[:moved, moved:] = block[:, moved:]
-    out[moved:, :moved] = block[:, moved:].T
-    out[:moved, :moved] = times(block[:, :moved], by_state.T) + np.diag(drift[:moved])
-    out[:3, :3] += noise
+    inner = times(block[:, :moved], by_state.T)
+    for a in range(moved):
+        for b in range(moved):
+            out[a, b] = inner[a, b]
+        for b in range(moved, len(out)):
+            out[a, b] = out[b, a] = block[a, b]
+    for k in range(len(out)):
+        out[k, k] += drift[k]
+    add_to(out, noise, 1.0)
     return out
 
 
@@ -77,13 +89,24 @@ def pose_innovation(joint, measured, per_image, information, gradient, residual)
 @njit(cache=True)
 def correction(joint, measured, per_image, information, gradient, residual, learned):  # type: ignore[no-untyped-def]
     """Step (N,) of the states, and covariance (N, N) after it; learned (N,): share of its step that each takes."""
-    spread, crossed = measured_covariance(joint, measured, per_image), joint[:, measured]
+    spread, crossed = measured_covariance(joint, measured, per_image), np.empty((len(joint), len(measured)))
+    for a in range(len(measured)):
+        for k in range(len(joint)):
+            crossed[k, a] = joint[k, measured[a]]
     damping = times(information, spread)
-    gain = times(crossed, inverse(np.eye(len(measured)) + damping)) * learned.reshape(-1, 1)
-    spent = times(times(gain, information + times(damping, information)), gain.T)
+    gain = times(crossed, inverse(plus(damping, np.eye(len(measured)), 1.0)))
+    for k in range(len(joint)):
+        for a in range(len(measured)):
+            gain[k, a] *= learned[k]
+    spent = times(times(gain, plus(times(damping, information), information, 1.0)), gain.T)
     shared = times(times(gain, information), crossed.T)
-    after = joint + spent - shared - shared.T
-    return applied(gain, gradient + applied(information, residual)), 0.5 * (after + after.T)
+    after = plus(plus(joint, spent, 1.0), shared, -1.0)
+    add_to(after, shared.T, -1.0)
+    symmetrise(after)
+    pull = applied(information, residual)
+    for a in range(len(pull)):
+        pull[a] += gradient[a]
+    return applied(gain, pull), after
 
 
 @njit(cache=True)
