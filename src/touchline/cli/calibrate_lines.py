@@ -16,6 +16,7 @@ from touchline.errors import InputError, NoFitError
 
 if TYPE_CHECKING:
     from touchline.calibration.lines.calibration import LineCalibration
+    from touchline.calibration.perspective_lines import PerspectiveLines
     from touchline.calibration.self_calibration import SelfCalibration
     from touchline.calibration.self_perspective import PerspectiveSelfCalibration
     from touchline.camera import OmniCamera
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from touchline.sources import Recording
     from touchline.types import ImageArray
 
+MODELS = "omni", "pinhole", "fisheye"
 _HANDEDNESS = (
     "1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, and said."
 )
@@ -39,6 +41,9 @@ def calibrate_lines(
     ],
     field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
     output: NewFile,
+    model: Annotated[
+        str, typer.Option(metavar="omni|pinhole|fisheye", help="Kind of camera: with a mirror, or with a lens alone.")
+    ] = "omni",
     handedness: Annotated[int | None, typer.Option(metavar="1|-1", help=_HANDEDNESS)] = None,
     mount_yaw: Annotated[
         float, typer.Option(metavar="RAD", help="mount_yaw of the camera.yaml: lines can't tell where the front is.")
@@ -49,29 +54,85 @@ def calibrate_lines(
     picture: NewPicture = None,
 ) -> None:
     """Write a camera.yaml found from the field's lines in one or more images, with no camera.yaml to begin with."""
+    if model not in MODELS:
+        raise InputError(f"--model {model}: is unknown; known: {', '.join(MODELS)}")
     check_handedness(handedness)
     mount_yaw = turn_in_rad(mount_yaw, "--mount-yaw")
     _refuse_folders(inputs)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    from touchline.calibration.strip_recording import camera_yaml
     from touchline.field import open_field
 
-    model = open_field(field)
+    on_field = open_field(field)
     from_points = [path.suffix.lower() == ".csv" for path in inputs]
     if any(from_points) and not all(from_points):
         raise InputError("images and files of line points can't be calibrated together: give the one or the other")
     if size is not None and not all(from_points):
         raise InputError("--size is for files of line points: images have their own")
-    hand = handedness or 1
     try:
-        if all(from_points):
-            camera, lines, drawn = _from_points(inputs, model, hand, mount_yaw, size)
+        if model != "omni":
+            text, words, drawn = _with_lens(inputs, on_field, model, any(from_points))
         else:
-            camera, lines, drawn = _from_images(inputs, model, hand, mount_yaw)
+            text, words, drawn = _with_mirror(inputs, on_field, handedness, mount_yaw, size)
     except NoFitError as error:
         raise NoFitError(f"{inputs[0]}{' ...' if len(inputs) > 1 else ''}: not calibrated: {error}") from None
-    words = _words(lines, camera, model, handedness)
-    write_pair(output, camera_yaml(camera, words), picture, drawn, words)
+    write_pair(output, text, picture, drawn, words)
+
+
+def _with_mirror(
+    inputs: list[Path], field: FieldModel, handedness: int | None, mount_yaw: float, size: str | None
+) -> tuple[str, str, ImageArray]:
+    """camera.yaml, what to say, and the picture."""
+    from touchline.calibration.strip_recording import camera_yaml
+
+    hand = handedness or 1
+    if inputs[0].suffix.lower() == ".csv":
+        camera, lines, drawn = _from_points(inputs, field, hand, mount_yaw, size)
+    else:
+        camera, lines, drawn = _from_images(inputs, field, hand, mount_yaw)
+    words = _words(lines, camera, field, handedness)
+    return camera_yaml(camera, words), words, drawn
+
+
+def _with_lens(inputs: list[Path], field: FieldModel, model: str, from_points: bool) -> tuple[str, str, ImageArray]:
+    """The same of a camera with a lens alone."""
+    from touchline.calibration.perspective import perspective_yaml
+    from touchline.calibration.perspective_lines import calibrate_perspective_lines
+    from touchline.camera import GroundView
+    from touchline.geometry import as_pose
+    from touchline.view.overlay import overlay_image
+
+    if from_points:
+        raise InputError(f"--model {model} needs images: files of line points do not tell which lines are straight")
+    paths, images = _images(inputs)
+    found = calibrate_perspective_lines(images, field, model)
+    _warn_unused(paths, found.used)
+    words = _lens_words(found, field)
+    best = max(range(len(found.used)), key=lambda k: len(found.seen[k].points))
+    pose = as_pose(found.fit.poses[best])
+    drawn = overlay_image(images[found.used[best]], GroundView(found.camera), field, pose, found.seen[best])
+    return perspective_yaml(found.camera, words), words, drawn
+
+
+def _lens_words(found: PerspectiveLines, field: FieldModel) -> str:
+    """What was found, and how sure it is."""
+    import math
+
+    from touchline.calibration.perspective_bundle import DISTORTION, FOCAL, HEIGHT, PITCH, ROLL
+
+    camera, sure = found.camera, found.deviations
+    roll, pitch, _ = camera.base_from_camera.roll_pitch_yaw()
+    height_m = float(camera.base_from_camera.translation_m[2])
+    points = sum(len(one.points) for one in found.seen)
+    return (
+        f"Camera calibrated from {points} line points of {len(found.used)} images on {field.name}: "
+        f"{100 * found.fit.on_lines.mean():.0f} % lie on lines.\n"
+        f"Focal length {camera.fx:.1f} px (± {100 * sure[FOCAL]:.1f} %), distortion {camera.distortion[0]:+.3f} "
+        f"(± {sure[DISTORTION]:.3f}).\n"
+        f"Roll {math.degrees(roll):.2f}° (± {math.degrees(sure[ROLL]):.2f}), pitch {math.degrees(pitch):.2f}° "
+        f"(± {math.degrees(sure[PITCH]):.2f}), height {height_m:.3f} m (± {height_m * sure[HEIGHT]:.3f}); the body "
+        f"leant by {math.degrees(found.fit.lean_rad):.2f}° from image to image besides.\n"
+        "The origin is the point below the camera, x the way it looks: correct base_from_camera if it sits elsewhere."
+    )
 
 
 def _refuse_folders(paths: list[Path]) -> None:
@@ -117,20 +178,30 @@ def _from_images(
 ) -> tuple[OmniCamera, LineCalibration, ImageArray]:
     from touchline.calibration.lines.calibration import check
     from touchline.calibration.lines.images import calibrate_images
-    from touchline.files.images import read_image
     from touchline.view.calibration import image_picture
+
+    paths, images = _images(paths)
+    found = calibrate_images(images, field, handedness, mount_yaw)
+    check(found.lines, whole_view=True)
+    _warn_unused(paths, found.used)
+    return found.camera, found.lines, image_picture(found, images[found.used[0]], field)
+
+
+def _images(paths: list[Path]) -> tuple[list[Path], list[ImageArray]]:
+    """Images of one size, each once, with their files."""
+    from touchline.files.images import read_image
 
     images = [read_image(path) for path in paths]
     for path, image in zip(paths, images, strict=True):
         if image.shape != images[0].shape:
             raise InputError(f"{path}: is of another size than {paths[0]}; all images must be of one camera")
     kept = different(paths, images)
-    paths, images = [paths[k] for k in kept], [images[k] for k in kept]
-    found = calibrate_images(images, field, handedness, mount_yaw)
-    check(found.lines, whole_view=True)
-    for k in set(range(len(paths))) - set(found.used):
+    return [paths[k] for k in kept], [images[k] for k in kept]
+
+
+def _warn_unused(paths: list[Path], used: Sequence[int]) -> None:
+    for k in sorted(set(range(len(paths))) - set(used)):
         warn(f"left out: {paths[k]}: hardly any line points")
-    return found.camera, found.lines, image_picture(found, images[found.used[0]], field)
 
 
 def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handedness: int | None) -> str:

@@ -1,0 +1,121 @@
+"""`touchline calibrate lines --model pinhole`: a perspective camera from lines at places nobody measured."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.calibration.perspective_bundle import (
+    FOCAL,
+    HEIGHT,
+    PITCH,
+    ROLL,
+    PerspectiveView,
+    camera_at,
+    fit_perspective,
+)
+from touchline.calibration.perspective_search import find_cameras, place
+from touchline.cli import main
+from touchline.errors import NoFitError
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.registration.registration import Registration
+from touchline.localization.search.pose_search import PoseSearch
+from touchline.types import LinePoints, Lines, Observation
+
+FIELD = open_field("hsl-s-9x6")
+SIZE = (640, 480)
+TRUE = np.array([0.02, 0.40, math.log(0.62), math.log(505.0), -0.08, 1.0, -1.5])
+POSES = [
+    Pose(*pose)
+    for pose in (
+        (-2.6, 0.8, 0.2),
+        (-1.5, -1.2, 2.8),
+        (2.0, 1.5, -0.5),
+        (0.5, -2.2, 1.9),
+        (-3.2, 1.9, -1.0),
+        (1.2, 0.3, 3.0),
+    )
+]
+
+
+def observed(pose: Pose, seed: int) -> Observation:
+    """What a camera shows without its lens's distortion, points to half a pixel."""
+    camera, rng = camera_at("pinhole", SIZE, TRUE), np.random.default_rng(seed)
+    points, ends = [], []
+    for number, line in enumerate(FIELD.polylines(0.04)):
+        ground = pose.inverse().transform(line)
+        ground = ground[(ground[:, 0] > 0.2) & (np.hypot(*ground.T) < 5.0)]
+        pixels = camera.image_from_ground(ground) if len(ground) else np.zeros((0, 2))
+        pixels = pixels[camera.sees(pixels)]
+        if len(pixels) < 5:
+            continue
+        pixels = pixels[:: max(len(pixels) // 25, 1)]
+        points.append(pixels + 0.3 * rng.standard_normal(pixels.shape))
+        if number < len(FIELD.segments):
+            ends.append(pixels[[0, -1]])
+    seen, lines = np.concatenate(points), np.array(ends).reshape(-1, 2, 2)
+    ones, nothing = np.ones(len(seen)), np.zeros((len(seen), 2))
+    spreads = np.tile(1e-4 * np.eye(2), (len(seen), 1, 1))
+    of_lines = Lines(np.zeros_like(lines), np.zeros((*lines.shape, 2)), np.ones(len(lines)), lines)
+    return Observation(0, LinePoints(nothing, spreads, ones, seen), of_lines)
+
+
+@pytest.fixture(scope="module")
+def seen() -> list[Observation]:
+    return [observed(pose, k) for k, pose in enumerate(POSES)]
+
+
+def z_scores(state: FloatArray, covariance: FloatArray) -> FloatArray:
+    scores: FloatArray = (state - TRUE) / np.sqrt(np.diag(covariance))
+    return scores
+
+
+def test_the_bundle_finds_the_camera_and_says_how_well(seen: list[Observation]) -> None:
+    start = TRUE + np.array([0.01, -0.02, 0.04, 0.04, 0.08, -1.0, 1.5])
+    off = np.array([0.04, -0.03, 0.02])
+    views = [
+        PerspectiveView(one.points.pixels, Pose(*(pose.as_array() + off).tolist()))
+        for one, pose in zip(seen, POSES, strict=True)
+    ]
+    fit = fit_perspective(views, start, FIELD, "pinhole", SIZE)
+    assert np.abs((fit.state - TRUE)[[ROLL, PITCH]]).max() < math.radians(0.4)
+    assert np.abs((fit.state - TRUE)[[HEIGHT, FOCAL]]).max() < 0.015
+    assert np.abs(z_scores(fit.state, fit.covariance)).max() < 3.0
+    assert fit.on_lines.min() > 0.9
+
+
+def test_a_camera_is_found_from_nothing(seen: list[Observation], monkeypatch: pytest.MonkeyPatch) -> None:
+    search = PoseSearch(FIELD, Registration(FIELD.distance_map()))
+    of_search = "touchline.calibration.perspective_search."
+    monkeypatch.setattr(of_search + "HEIGHTS_M", np.array([0.42, 0.62, 0.92]))
+    monkeypatch.setattr(of_search + "PITCHES_DEG", np.arange(12.0, 36.0, 4.0))
+    best = find_cameras(seen, "pinhole", SIZE, search)[0].state
+    assert math.exp(best[HEIGHT]) == 0.62
+    assert abs(best[FOCAL] - TRUE[FOCAL]) < 0.15
+    assert abs(best[PITCH] - TRUE[PITCH]) < math.radians(3.0)
+    pose, _ = place(seen[0], "pinhole", SIZE, TRUE, search)
+    assert pose is not None
+    assert min(pose.distance_to(one) for one in (POSES[0], POSES[0].mirrored())) < 0.05
+
+
+def test_too_few_lines_are_refused() -> None:
+    search = PoseSearch(FIELD, Registration(FIELD.distance_map()))
+    with pytest.raises(NoFitError, match="lines are seen in 1 images; at least 6"):
+        find_cameras([Observation(0)], "pinhole", SIZE, search)
+
+
+@pytest.mark.parametrize(
+    ("model", "words"), [("telescope", "--model telescope: is unknown"), ("pinhole", "--model pinhole needs images")]
+)
+def test_wrong_calls_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], model: str, words: str) -> None:
+    points = tmp_path / "points.csv"
+    points.write_text("u_px,v_px\n1,2\n")
+    output = tmp_path / "camera.yaml"
+    call = ["calibrate", "lines", str(points), "--field", "hsl-s-9x6", "--output", str(output), "--model", model]
+    assert main(call) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not output.exists()
