@@ -6,7 +6,7 @@ LOWEST := .venv-lowest
 WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark clean zenoh
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -37,6 +37,11 @@ browser: $(VENV)/extras
 # Every message between our DDS and the one that ROS 2 speaks by default; without its library it says how to install it.
 fastdds: $(VENV)/installed
 	$(BIN)/pytest tests/fastdds_peer.py
+
+# ROS 2 over Zenoh between our link and another client of it.
+zenoh: $(VENV)/installed
+	$(BIN)/pip install --quiet zenoh-ros2-sdk
+	$(BIN)/pytest tests/zenoh_peer.py
 
 # The ROS package's node and bridge under a real rclpy, which x86-64 and Python 3.11 have as wheels.
 ros: $(VENV)/installed

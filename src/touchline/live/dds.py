@@ -25,8 +25,7 @@ from cyclonedds.topic import Topic as DdsTopic
 
 from touchline.errors import InputError
 from touchline.live.dds_types import ros_name, sample, sample_type
-from touchline.live.domain import domain_id
-from touchline.live.ros_link import NODE
+from touchline.live.ros_link import NODE, domain_id
 from touchline.sources.bags.with_rosbags import Codec
 
 _MAX_AT_ONCE = 100

@@ -5,6 +5,7 @@ A transport carries messages as the bytes that they are: DDS, rclpy, Zenoh, or t
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -241,3 +242,11 @@ class RosRobot:
     def _publish(self, messages: Iterable[Outgoing]) -> None:
         for out in messages:
             self._transport.write(out.topic, out.kind, self._codec.encode(out.kind, out.message))
+
+
+def domain_id() -> int:
+    """ROS_DOMAIN_ID, else 0. Raises InputError."""
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not text.isdigit() or int(text) > 232:
+        raise InputError(f"ROS_DOMAIN_ID={text:.40}: expected a number from 0 to 232")
+    return int(text)

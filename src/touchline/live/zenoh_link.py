@@ -23,8 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from touchline.errors import InputError
 from touchline.live.dds_types import dds_name, ros_name
-from touchline.live.domain import domain_id
-from touchline.live.ros_link import NODE
+from touchline.live.ros_link import NODE, domain_id
 
 _PORT, _ANSWER_MS = 7447, 300
 _MAX_WAITING = 200

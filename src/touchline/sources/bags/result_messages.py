@@ -23,7 +23,7 @@ from touchline.types import Estimate, Observation, Status
 OWN = "/touchline/"  # before the name of each topic here
 POSE, PATH, HYPOTHESES, PARTICLES = f"{OWN}pose", f"{OWN}path", f"{OWN}hypotheses", f"{OWN}particles"
 FIELD_LINES, MAP_GRID, LINES_SEEN = f"{OWN}field_lines", f"{OWN}map", f"{OWN}lines_seen"
-OVERLAY = f"{OWN}overlay/compressed"
+OVERLAY, LOOK = f"{OWN}overlay/compressed", f"{OWN}look"
 TF, DIAGNOSTICS = "/tf", "/diagnostics"
 TYPES = {
     POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -34,6 +34,7 @@ TYPES = {
     MAP_GRID: "nav_msgs/msg/OccupancyGrid",
     LINES_SEEN: "visualization_msgs/msg/MarkerArray",
     OVERLAY: "sensor_msgs/msg/CompressedImage",
+    LOOK: "geometry_msgs/msg/PoseStamped",
     TF: "tf2_msgs/msg/TFMessage",
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
@@ -95,6 +96,9 @@ class ResultMessages:
             yield self._own(PARTICLES, {"header": header, "particles": particles})
         if e.observation is not None and self.wanted(self._topic(LINES_SEEN)):
             yield self._own(LINES_SEEN, self._markers(stamp_ns, _seen_markers(e.observation, e.pose)))
+        if self.wanted(self._topic(LOOK)) and e.look is not None:
+            ahead = self.standard.header(stamp_ns, self.standard.frames.base)
+            yield self._own(LOOK, {"header": ahead, "pose": planar(0.0, 0.0, e.look.bearing_rad)})
         if e.status is Status.TRACKING and (self._last is None or e.pose.distance_to(self._last) >= _PATH_M):
             self._path.append(self._codec.make("geometry_msgs/msg/PoseStamped", header=header, pose=poses[0]))
             self._last = e.pose
