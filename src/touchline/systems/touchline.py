@@ -448,7 +448,7 @@ class Touchline:
             pose, covariance = held.pose, held.covariance
         bound_m, bound_rad = None, None
         if status is Status.TRACKING:
-            bounds = self.safeguard.integrity.protection(covariance)
+            bounds = self.safeguard.integrity.protection(covariance, observation.stamp_ns, self.history)
             if bounds is None:
                 status, reason = Status.SEARCHING, self.safeguard.integrity.unbounded
             else:

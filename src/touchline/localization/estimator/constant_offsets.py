@@ -143,11 +143,18 @@ class ConstantOffsets:
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
-            self._begin(sighting.pose, UNKNOWN)  # found elsewhere: that may be by any of the errors
+            self._found(sighting.pose)
         if float(np.trace(sighting.covariance[:2, :2])) > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
             return
         self._given = False
         corrected(self._state, self._joint, sighting.pose, sighting.covariance + VISION, self._velocity)
+
+    def _found(self, pose: FloatArray) -> None:
+        """The robot was found elsewhere: that may be by any of the errors, and what was in doubt still is."""
+        offsets, spread = self._state[3:].copy(), self._joint[3:, 3:].copy()
+        self._begin(pose, UNKNOWN)
+        self._state[3:] = offsets
+        self._joint[3:, 3:] += spread
 
     def _begin(self, pose: FloatArray, covariance: FloatArray) -> None:
         self._state = np.concatenate((pose, np.zeros(4)))

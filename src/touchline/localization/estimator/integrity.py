@@ -16,7 +16,7 @@ import numpy as np
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.estimator.bank import Bank, Image
+from touchline.localization.estimator.bank import MIN_EXPLAINED, Bank, Image
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
 from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, STEP_S, Culprit, MotionRelation
 from touchline.localization.estimator.stamp_delay import Arrivals
@@ -47,6 +47,8 @@ VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.6  # bound from which a pose is of no use
+# way without an image, on which the odometry might have the wrong sign: from where a bound grows, how, and is none
+UNSEEN_M, UNSEEN_RATIO, MAX_UNSEEN_M = 0.15, 3.0, 0.6
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 
@@ -97,6 +99,7 @@ class Integrity:
         self.offsets.reset()
         self.arrivals.reset()
         self.verdict = ALL_WELL
+        self._seen_ns = 0  # of the newest image that the pose explains
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
         self._contradicted = False  # whether the first images did the pose that was given
@@ -166,9 +169,10 @@ class Integrity:
             "repetition": self._repeated_s / REPEATED_S,
         }
 
-    def protection(self, covariance: FloatArray) -> tuple[float, float] | None:
+    def protection(self, covariance: FloatArray, stamp_ns: int, history: MotionHistory) -> tuple[float, float] | None:
         """Bounds (m, rad) that the errors of a tracked pose exceed in one of a thousand images at most; None: none of
-        use can be given, `unbounded` says why, and the pose is not tracked. covariance (3, 3): of the pose.
+        use can be given, `unbounded` says why, and the pose is not tracked. covariance (3, 3): of the pose; history:
+        since the last image that showed something, the odometry is not checked by anything.
         """
         # by vision alone the motion's statistics tell of the odometry, which does not count
         beside = (CAMERA,) if self.verdict.odometry else (CAMERA, *self.relation.statistics)
@@ -183,12 +187,18 @@ class Integrity:
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
         mean_m, deviation_m, turn = self.offsets.bound
+        unseen = history.between(min(self._seen_ns, stamp_ns), stamp_ns).pose
+        unseen_m = math.hypot(unseen.x, unseen.y)
+        if unseen_m > MAX_UNSEEN_M:
+            self.unbounded = f"nothing has been seen for {unseen_m:.1f} m"
+            return None
         position_m = math.hypot(wider * math.sqrt(major2), deviation_m) + max(mean_m, PROTECTION_M)
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
         if position_m > ALERT_M or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
-        return position_m, heading_rad
+        position_m += UNSEEN_RATIO * max(unseen_m - UNSEEN_M, 0.0)
+        return position_m, heading_rad + 2.0 * abs(unseen.heading)
 
     def excuse(self) -> None:
         """What explains everything is corrected: begin anew."""
@@ -203,6 +213,8 @@ class Integrity:
         best = bank.best
         if best is None or best.fit is None:
             return self.verdict
+        if best.explained >= MIN_EXPLAINED:
+            self._seen_ns = stamp_ns
         self.relation.all_round = bank.trust.free_fit
         last = self.motion.last
         if last is not None and not last.begun:
