@@ -167,6 +167,15 @@ def test_back_from_a_penalty_it_stands_at_a_touch_line_or_where_it_stood(side: f
     assert all(estimate.status is not Status.TRACKING or errors(estimate, there)[0] < 0.1 for estimate in later)
 
 
+def test_a_pose_and_its_twin_are_one_hypothesis_after_a_penalty() -> None:
+    """Else both explain every image alike, and neither is ever likely."""
+    system = started(Pose(1.3, -0.5, -0.6))
+    system.reset(game_prior("back from a penalty", FIELD, Prior()))
+    poses = [one.filter.pose for one in system.bank.members]
+    assert len(poses) == 3
+    assert not any(one.mirrored().distance_to(other) < 0.3 for one in poses for other in poses)
+
+
 def test_where_the_end_stays_open_no_pose_is_tracked() -> None:
     system = started(Pose(2.0, 1.0, 0.4))
     system.reset(Prior(kept=0.001))  # carried, nobody knows whereto

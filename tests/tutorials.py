@@ -15,7 +15,7 @@ from touchline.cli import main
 from touchline.experiments.schulz_runs import AS_BUILT, walk
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("tutorial-mirror", "tutorial-humanoid", "tutorial-own-detector")
+PAGES = ("tutorial-mirror", "tutorial-humanoid", "tutorial-own-detector", "tutorial-match")
 
 
 def blocks(page: str, language: str) -> list[str]:

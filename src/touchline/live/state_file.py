@@ -15,6 +15,7 @@ import numpy as np
 
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import replace_file
+from touchline.files.opened import read_text
 from touchline.geometry import FloatArray, Pose
 from touchline.localizer import Localizer
 from touchline.types import Estimate, Prior, Status, WeightedPose
@@ -25,7 +26,7 @@ SPEED_M_S, TURN_RAD_S = 0.4, 0.6  # of a robot that went on, and rested, while n
 MAX_DEVIATION_M, MAX_DEVIATION_RAD = 4.0, math.pi
 STOOD, WENT_ON, STILL_THERE_S = 0.5, 0.4, 900.0  # weights at once; the time after which it was rather carried off
 BLURRED = np.diag(np.square([0.05, 0.05, 0.03]))
-MAX_POSES = 4
+MAX_POSES, MAX_BYTES = 4, 1_000_000
 
 
 class StateFile:
@@ -75,19 +76,19 @@ def resume(path: Path, localizer: Localizer) -> str:
     """
     if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
         raise InputError(f"--state {path}: cannot be written")
-    try:
-        state = json.loads(path.read_text())
-        age_s = max(time.time() - float(state["unix_s"]), 0.0)
-        same, errors = state["field"] == localizer.field.name, state["camera_errors"]
-        prior = prior_of(state["poses"], age_s)
-    except FileNotFoundError:
+    if not path.exists():
         return f"{path}: written from now on"
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    try:
+        state = json.loads(read_text(path, MAX_BYTES))
+        age_s = max(time.time() - float(state["unix_s"]), 0.0)
+        prior = prior_of(state["poses"], age_s)
+        if state["field"] != localizer.field.name or age_s > MAX_AGE_S:
+            return f"{path}: of another field or more than an hour old; begins with nothing"
+        localizer.resume(prior, state["camera_errors"])
+        x, y, _ = prior.poses[0].pose
+    except (InputError, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"--state {path}: is no state of `touchline live` ({error}); delete it") from None
-    if not same or age_s > MAX_AGE_S:
-        return f"{path}: of another field or more than an hour old; begins with nothing"
-    localizer.resume(prior, errors)
-    return f"{path}: goes on from {age_s:.0f} s ago, x {prior.poses[0].pose.x:.2f} m, y {prior.poses[0].pose.y:.2f} m"
+    return f"{path}: goes on from {age_s:.0f} s ago, x {x:.2f} m, y {y:.2f} m"
 
 
 def prior_of(poses: list[dict[str, Any]], age_s: float) -> Prior:

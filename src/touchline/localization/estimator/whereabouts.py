@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.estimator.bank import Bank, Member
+from touchline.localization.estimator.bank import Bank, Member, is_same
 from touchline.localization.estimator.field_end import PRIOR_LOG_ODDS
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.registration.covariance import ANYWHERE
@@ -116,7 +116,12 @@ def joined(bank: Bank, end_probability: float, before: Whereabouts | None, prior
     parts += [Part(learned.placed(one.pose, one.covariance), one.weight) for one in prior.poses]
     rest = 1.0 - sum(part.weight for part in parts)
     found = Whereabouts(parts, rest, prior.own_half, area_m2)
-    bank.follow([_member(part) for part in found.parts if part.is_narrow], learned.placed(learned.pose, ANYWHERE))
+    members: list[Member] = []
+    for part in found.parts:  # the bank follows one of each pair of twins, the likelier: the field's end is another's
+        twin = part.filter.pose.mirrored()
+        if part.is_narrow and not any(is_same(twin, one.filter.pose) for one in members):
+            members.append(_member(part))
+    bank.follow(members, learned.placed(learned.pose, ANYWHERE))
     return found
 
 
