@@ -194,6 +194,21 @@ def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: b
     return _Answer(found, points, scale, better)
 
 
+def _as_fitted(seen: _Seen, answer: _Answer) -> Look:
+    """The look with the camera's attitude, height and focal length as they were fitted with the pose."""
+    import numpy as np
+
+    from touchline.camera import GroundView, PerspectiveCamera
+
+    look, found, camera = seen.look, answer.found, seen.camera
+    assert look is not None
+    if isinstance(found, NoFitError) or found.camera_errors is None or not isinstance(camera, PerspectiveCamera):
+        return look
+    view = GroundView(camera.corrected(found.camera_errors, np.linspace(0.05, 0.5, 10)))
+    points = replace(look.observation.points, positions_m=view.ground_from_image(look.observation.points.pixels))
+    return replace(look, view=view, observation=replace(look.observation, points=points))
+
+
 def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output: Path | None) -> Path | None:
     """The picture that was drawn: that of an image in any case, that of points if it was asked for."""
     from touchline.evaluation.run_folder import new_folder
@@ -202,7 +217,7 @@ def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output:
     pose = None if isinstance(answer.found, NoFitError) else answer.found.pose
     if seen.look is not None:
         output = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
-        save_picture(output, replace(seen.look, field_from_robot=pose).overlay())
+        save_picture(output, replace(_as_fitted(seen, answer), field_from_robot=pose).overlay())
         return output
     if output is None or pose is None:
         return None

@@ -97,6 +97,7 @@ class Location:
     hypotheses: other poses of similar error, the better first; residual_m is their mean_distance_m.
     points: different points used. chance: the error against that of the same points rearranged. doubts: what speaks
     against the pose, a sentence each; where points don't fit, the covariance is as wide as they are off.
+    camera_errors (K,): that were fitted with the pose, of an observation of more than line points.
     """
 
     pose: Pose
@@ -108,6 +109,7 @@ class Location:
     points: int
     chance: PermutationTest
     doubts: tuple[str, ...] = ()
+    camera_errors: FloatArray | None = None
 
 
 class PoorFitError(NoFitError):
@@ -228,7 +230,7 @@ def _locate_observation(
         return covariances[place], None
 
     found = _Found(points, sample, weights, similar, unsure, joint.doubts(fits[0]), fits[0].explained)
-    return _judged(found, search, field, heading, s, seed)
+    return replace(_judged(found, search, field, heading, s, seed), camera_errors=fits[0].errors)
 
 
 class _Found(NamedTuple):
