@@ -380,6 +380,9 @@ def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     assert rightly_named(case, ["odometry turns the wrong way"]) is True
     assert rightly_named(case, ["images are stamped 300 ms too late"]) is False
     assert rightly_named(case, ["images contradict odometry", "the robot was shoved"]) is None
+    frozen = tuple(kind for kind in CATALOGUE if kind.title == "mirror: the same image with new stamps")
+    unchanged = [f"the image has not changed for {0.1 * k:.1f} s while the wheels turned" for k in range(4, 9)]
+    assert rightly_named(frozen, [*unchanged, *["odometry turns the wrong way"] * 3]) is True
 
 
 def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(

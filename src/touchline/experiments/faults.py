@@ -32,6 +32,7 @@ from touchline.experiments.drives import BoolArray, Drive, estimates_of, longest
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray
+from touchline.messages import without_numbers
 from touchline.types import Estimate
 
 OWN = "touchline"
@@ -168,7 +169,7 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
 
 def rightly_named(case: Case, texts: Sequence[str]) -> bool | None:
     """Whether that is at fault which is named most often; None where nothing is named."""
-    named = Counter(text for text in texts if re.search("|".join(NAMES.values()), text))
+    named = Counter(without_numbers(text) for text in texts if re.search("|".join(NAMES.values()), text))
     if not named:
         return None
     right = "|".join(NAMES[kind.family] for kind in case if kind.family in NAMES)
