@@ -44,7 +44,7 @@ zenoh: $(VENV)/installed
 	$(BIN)/pytest tests/zenoh_peer.py
 
 # The ROS package's node and bridge under a real rclpy, which x86-64 and Python 3.11 have as wheels.
-ros: $(VENV)/installed
+ros: loops
 	$(BIN)/pip install --quiet --editable '.[ros-test]'
 	$(BIN)/pytest tests/ros_node.py
 

@@ -72,7 +72,7 @@ class Robot:
         client = self.node.create_client(kind, service)
         assert client.wait_for_service(60.0), service
         answer = client.call_async(request or kind.Request())
-        self.spin_until(answer.done, 60.0)
+        assert self.spin_until(answer.done, 120.0), service
         return answer.result()
 
     def spin_until(self, done: Callable[[], bool], most_s: float) -> bool:
@@ -149,9 +149,7 @@ def test_the_node_localises_and_publishes_what_ros_s_programs_show(robot: Robot,
     with running(*node_command(*PARAMETERS), log=tmp_path / "log"):
         for topic, kind in shown.items():
             robot.listen(kind, topic)
-        service = robot.call(GetState, "/touchline/get_state")
         assert robot.spin_until(lambda: robot.state() == "active", 60)
-        assert service is not None
         robot.spin_until(lambda: robot.images.get_subscription_count() > 0, 30)
         robot.play(0.5)
         robot.spin_until(robot.tracked, 30)
