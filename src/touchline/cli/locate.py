@@ -205,8 +205,20 @@ def _as_fitted(seen: _Seen, answer: _Answer) -> Look:
     if isinstance(found, NoFitError) or found.camera_errors is None or not isinstance(camera, PerspectiveCamera):
         return look
     view = GroundView(camera.corrected(found.camera_errors, np.linspace(0.05, 0.5, 10)))
-    points = replace(look.observation.points, positions_m=view.ground_from_image(look.observation.points.pixels))
-    return replace(look, view=view, observation=replace(look.observation, points=points))
+
+    def moved(places: FloatArray) -> FloatArray:
+        ground = view.ground_from_image(look.view.image_from_ground(places.reshape(-1, 2)))
+        return ground.reshape(places.shape)
+
+    of = look.observation
+    shown = replace(
+        of,
+        points=replace(of.points, positions_m=moved(of.points.positions_m)),
+        lines=replace(of.lines, ends_m=moved(of.lines.ends_m)),
+        crossings=replace(of.crossings, positions_m=moved(of.crossings.positions_m)),
+        landmarks=replace(of.landmarks, positions_m=moved(of.landmarks.positions_m)),
+    )
+    return replace(look, view=view, observation=shown)
 
 
 def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output: Path | None) -> Path | None:
