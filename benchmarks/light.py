@@ -51,6 +51,8 @@ LIGHTS: dict[str, tuple[str, ...]] = {
     "dim": ("light.lamps=0.06", "light.ambient=0.03"),
     "worn lines": (*_LAMPS, "hall.scuffed=0.35"),
     "dirty lines": (*_LAMPS, "hall.scuffed=0.1", "hall.dirt=0.45"),
+    "coloured lamps": (*_LAMPS, "light.ambient=0.1", "light.tints=[[1.3, 1.0, 0.55], [0.8, 1.0, 1.3]]"),
+    "glossy carpet": ("light.sun=6", "light.windows=4", "light.ambient=0.6", "hall.gloss=0.35"),
     "dark surround": (*_LAMPS, "hall.carpet_border_m=0.05", "hall.dark_floor=true"),
 }
 KINDS = ("crossings", "circle", "posts", "marks")
@@ -212,14 +214,10 @@ def _view(run: Simulation, frame: Frame) -> GroundView:
     return GroundView(run.camera, leaning(run.camera, *attitude))
 
 
-def of_robot(task: tuple[str, int]) -> dict[tuple[str, str], Found]:
-    """What a robot with this camera and seed finds under each light, by light and camera."""
-    camera, seed = task
-    found = {}
-    for light in LIGHTS:
-        run = simulation(camera, light, seed)
-        found[light, camera] = _of_run(run)
-    return found
+def of_robot(task: tuple[int, str, str]) -> dict[tuple[str, str], Found]:
+    """What a robot of this seed with this camera finds under a light, by light and camera."""
+    seed, camera, name = task
+    return {(name, camera): _of_run(simulation(camera, name, seed))}
 
 
 def _of_run(run: Simulation) -> Found:
@@ -304,7 +302,7 @@ def main() -> None:
     """Print the table."""
     if len(sys.argv) != 2 or not sys.argv[1].isdigit() or not int(sys.argv[1]):
         sys.exit(__doc__)
-    found = together(of_robot(task) for task in product(CAMERAS, range(int(sys.argv[1]))))
+    found = together(of_robot(task) for task in product(range(int(sys.argv[1])), CAMERAS, LIGHTS))
     print(" | ".join(COLUMNS))
     for camera, name in product(CAMERAS, LIGHTS):
         print(" | ".join(_row(camera, name, found)))

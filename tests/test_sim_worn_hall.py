@@ -106,3 +106,13 @@ def test_bloom_scatters_light_around_what_is_bright_and_keeps_its_sum() -> None:
     even = np.full((240, 320, 3), 0.1, dtype=np.float32)
     without, scattered = (ImageSensor(bloom=part).develop(even, 12.0, 1.7, None) for part in (0.0, 0.1))
     assert np.array_equal(without, scattered)
+
+
+def test_a_glossy_carpet_is_paler_far_off_and_coloured_lamps_tint_everything() -> None:
+    places = np.array([[-1.0, 1.0], [5.0, 1.0]])
+    matt, glossy = (seen_at(standing(f"hall.gloss={gloss}"), places) for gloss in (0.0, 0.4))
+    shares = [seen[:, 1] / seen.sum(axis=1) for seen in (matt, glossy)]  # of green
+    assert shares[1][1] < shares[1][0] < shares[0].min()
+    white = seen_at(standing("light.ambient=0"), places)
+    warm = seen_at(standing("light.ambient=0", "light.tints=[[1.2, 1, 0.5]]"), places)
+    np.testing.assert_allclose(warm, white * [1.2, 1.0, 0.5], rtol=0.12)  # but for what is fixed to the robot

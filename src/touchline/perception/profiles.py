@@ -22,17 +22,20 @@ BLOCK = (
     2**HALVINGS
 )  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
 COLUMNS = 8  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path, px beside floor
+_PALEST = 0.7  # of the way from carpet to grey: so far may be what is green, and as far as carpet in its usual light is
+_DUSK = 1.6  # times the sum that counts as dark: below three quarters of the usual carpet's
 _DARK = 0.8  # of the carpet's brightness, at most, has a floor beside it that is no carpet
 
 
 class DimCarpet(NamedTuple):
-    """Carpet in the dark: its shares of blue and red, how far from them another dark green may lie, and the sums of
-    B, G and R between which a flank counts as dark.
+    """Carpet in the dark: its shares of blue and red, how far from them another dark green may lie, and another green
+    at all, and the sums of B, G and R between which a flank counts as dark.
     """
 
     blue: float
     red: float
     reach: float
+    palest: float
     min_sum: float
     max_sum: float
 
@@ -42,8 +45,11 @@ def dim_carpet(model: ColourModel) -> DimCarpet:
     """What a carpet of these colours looks like in the dark: nearer to its own hue than to grey."""
     blue, red = chromaticity(model.green)
     usual, grey = float(model.green.sum()), 1.0 / 3.0
-    reach = 0.5 * float(np.hypot(blue - grey, red - grey))
-    return DimCarpet(float(blue), float(red), reach, DIMMEST_SUM, 1.2 * DARKEST_GREEN * usual)
+    to_grey = float(np.hypot(blue - grey, red - grey))
+    paler = model.green + np.linspace(_PALEST, 2.0, 14)[:, np.newaxis] * (usual / 3.0 - model.green)
+    is_green = model.classify(np.clip(paler, 0.0, 255.0).astype(np.uint8)[np.newaxis])[0] == GREEN
+    palest = to_grey * (_PALEST + 0.1 * float(np.argmin(np.append(is_green, False))))
+    return DimCarpet(float(blue), float(red), 0.5 * to_grey, palest, DIMMEST_SUM, 1.2 * DARKEST_GREEN * usual)
 
 
 class ProfileLimits(NamedTuple):
@@ -131,6 +137,9 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
             continue
         if number * 4 >= count * 3:
             level, blue, green, red = _flank(values, classes, k, step, count)
+            total, carpet = blue + green + red, limits.carpet  # in little light the noise makes single greys green
+            if total < _DUSK * dim and np.hypot(blue / total - carpet.blue, red / total - carpet.red) > carpet.palest:
+                level = np.nan
         elif values[0, k] + values[1, k] + values[2, k] <= dim:  # hardly ever
             level, blue, green, red = _dim_flank(values, k, step, limits)
         else:

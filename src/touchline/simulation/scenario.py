@@ -122,6 +122,9 @@ class LightSettings(Settings):
     sun_elevation_deg: float = Field(35.0, gt=0, lt=90, description="height of the sun")
     sun_azimuth_deg: float = Field(70.0, description="direction towards the sun, field frame, from x to y")
     windows: int = Field(0, ge=0, le=12, description="windows in the northern wall, evenly spread")
+    tints: tuple[tuple[Level, Level, Level], ...] = Field(
+        (), description="red, green, blue of the lamps' light, row of lamps by row in turn; none: white"
+    )
     changes: tuple[Change, ...] = Field((), description="changes of the levels over time")
 
     @model_validator(mode="after")
@@ -218,6 +221,7 @@ class HallSettings(Settings):
     carpet_border_m: float | None = Field(
         None, ge=0.05, le=5, description="the carpet ends so far outside the lines (m); none: as the field says"
     )
+    gloss: float = Field(0.0, ge=0, le=1, description="share of the light that the carpet mirrors at grazing angles")
     dark_floor: bool = Field(False, description="whether the floor beside the carpet is dark instead of grey")
 
 

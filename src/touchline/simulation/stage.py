@@ -70,6 +70,7 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
         carpet_border_m=hall.carpet_border_m,
         floor=PAINTS["dark"] if hall.dark_floor else world.floor,
         line_wear=(hall.scuffed, hall.dirt),
+        gloss=hall.gloss,
     )
     lying = cables(world.carpet, hall.cables, np.random.default_rng([seed, 29]))
     return dataclasses.replace(world, marks=(*lying, *layout.marks))
@@ -88,6 +89,10 @@ def events_of_light(settings: LightSettings) -> list[dict[str, object]]:
 
 def _lights(settings: LightSettings, hall: tuple[float, float, float]) -> Lights:
     lamps = hall_lamps(*hall)
+    if settings.tints:
+        rows = sorted({lamp.y for lamp in lamps})
+        tints = {y: settings.tints[row % len(settings.tints)] for row, y in enumerate(rows)}
+        lamps = tuple(dataclasses.replace(lamp, colour=tints[lamp.y]) for lamp in lamps)
     changes = tuple(each for change in settings.changes for each in _changes(change, lamps))
     return Lights(
         lamps, settings.ambient, settings.lamps, settings.sun,

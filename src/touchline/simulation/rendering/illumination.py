@@ -16,10 +16,10 @@ FLAGS_PER_M = 32.0
 
 @njit(cache=True, error_model="numpy")
 def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x: float, y: float) -> float:
-    """Light level of the map (ny, nx, 2) at a point (m, field frame), bilinear; frame: x, y of [0, 0], samples per
+    """Light level of the map (ny, nx, 5) at a point (m, field frame), bilinear; frame: x, y of [0, 0], samples per
     metre.
 
-    channel 0: what falls on the ground; 1: the same times the carpet's brightness there.
+    channel 0: what falls on the ground; 1: the same times the carpet's brightness there; 2 to 4: its red, green, blue.
     """
     fx = min(max((x - frame[0]) * frame[2], 0.0), light.shape[1] - 1.001)
     fy = min(max((y - frame[1]) * frame[2], 0.0), light.shape[0] - 1.001)

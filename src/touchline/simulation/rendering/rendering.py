@@ -89,7 +89,7 @@ def _shade_ground(
         along = width * cast[8, i]  # how long a pixel is on the ground (m)
         grain = carpet[4] * PILE * pile_at(pyramid, x, y, 1.5 * along * along)
         level, lamps, paint = light_at(light, frame, 1, x, y) * ratio, 0.0, -1
-        if direct > 0.0 or flag & HAS_PAINT:
+        if direct > 0.0 or flag & HAS_PAINT or carpet[5] + carpet[6] > 0.0:
             lamps = light_at(light, frame, 0, x, y) * ratio
             level *= 1.0 + direct / lamps
         if flag & HAS_PAINT:
@@ -107,6 +107,15 @@ def _shade_ground(
             for channel in range(3):
                 colour = paints[paint, channel] * level
                 radiance[i, channel] = (1.0 - bare) * colour + bare * radiance[i, channel]
+        if carpet[5] > 0.0:  # a sheen: all of it at grazing angles, none from above, the sun's towards it
+            steep = -cast[5, i] / np.sqrt(1.0 + cast[5, i] * cast[5, i])
+            towards_sun = max(cast[3, i] * sun[1] + cast[4, i] * sun[2], 0.0)
+            for channel in range(3):
+                radiance[i, channel] += carpet[5] * (1.0 - steep) ** 2 * (lamps + direct * towards_sun)
+        if carpet[6] > 0.0:
+            for channel in range(3):
+                tint = light_at(light, frame, 2 + channel, x, y)
+                radiance[i, channel] *= (lamps * tint + direct) / (lamps + direct)
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,7 +152,8 @@ def _shade_upright(scene: SceneArrays, cast: Float32Array, hits: Hits, count: in
         level *= 1.0 + blotch * pyramid[_BLOTCHES + texel]
         row = 0 if code == FLOOR else (1 if code == BOARD else (3 if code == CEILING else 2))
         for channel in range(3):
-            radiance[i, channel] = level * (palette[number, channel] if code >= 0 else colours[row, channel])
+            tint = light_at(light, frame, 2 + channel, x, y) if scene.carpet[6] > 0.0 else 1.0
+            radiance[i, channel] = level * tint * (palette[number, channel] if code >= 0 else colours[row, channel])
 
 
 @njit(cache=True, error_model="numpy")

@@ -64,8 +64,8 @@ class Scene:
     """The arrays that the rendering loops read. Field frame, metres.
 
     room (8,), room_colours (4, 3) of floor, board, walls and ceiling, paint, paints (1 + marks, 3), wear (2,) of the
-    lines, carpet (5,): colour, spacing of the seams, contrast of the pile; pyramid: see the loops.
-    After `update`: solids (K, 13), casters (M, 4), light (ny, nx, 2), sun (4,), flags (ny, nx).
+    lines, carpet (7,): colour, spacing of the seams, contrast of the pile, gloss, whether lamps are coloured; pyramid:
+    see the loops. After `update`: solids (K, 13), casters (M, 4), light (ny, nx, 5), sun (4,), flags (ny, nx).
     """
 
     def __init__(self, world: World) -> None:
@@ -82,7 +82,10 @@ class Scene:
         self.room_colours = np.array([world.floor, *_ROOM_PAINTS])
         self.paint = build_paint(world.field, world.marks, world.hall)
         self.paints = np.array([PAINTS["white"], *(mark.colour for mark in world.marks)])
-        self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, _PILE * world.carpet_contrast])
+        self._lamp_colours = np.array([lamp.colour for lamp in world.lights.lamps]).reshape(-1, 3)
+        coloured = float((self._lamp_colours != 1.0).any())
+        pile = _PILE * world.carpet_contrast
+        self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, pile, world.gloss, coloured])
         self.pyramid = pile_pyramid(rng)
         self._build_solids()
         self._build_light(rng)
@@ -137,7 +140,7 @@ class Scene:
         x = self.light_frame[0] + np.arange(columns) * _LIGHT_STEP_M
         y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
         self._lamp_ratios = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
-        self.light = np.empty((rows, columns, 2), dtype=np.float32)
+        self.light = np.ones((rows, columns, 5), dtype=np.float32)
         self._carpet_brightness = 1.0 + _WEAR * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
         if world.seam_spacing > 0.0:  # no two strips are of quite the same tone
             strips = np.floor(x / world.seam_spacing + SEAM_OFFSET).astype(int)
@@ -158,6 +161,9 @@ class Scene:
             total = np.tensordot(lamps, self._lamp_ratios, axes=1) + ambient
             self.light[:, :, 0] = total * RADIANCE_PER_LEVEL
             self.light[:, :, 1] = self.light[:, :, 0] * self._carpet_brightness
+            if self.carpet[6]:
+                coloured = np.tensordot(self._lamp_ratios, lamps[:, np.newaxis] * self._lamp_colours, axes=(0, 0))
+                self.light[:, :, 2:] = (coloured + ambient) / total[..., np.newaxis]
             self._levels = levels
         azimuth, slope = lights.sun_azimuth_rad, np.tan(lights.sun_elevation_rad)
         self.sun = np.array([sun * RADIANCE_PER_LEVEL, np.cos(azimuth), np.sin(azimuth), slope])

@@ -15,12 +15,16 @@ from touchline.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """A lamp under the ceiling: position in the field frame (m); power 1 gives level 1 straight below it."""
+    """A lamp under the ceiling: position in the field frame (m); power 1 gives level 1 straight below it.
+
+    colour: red, green, blue of its light, 1 each is white.
+    """
 
     x: float
     y: float
     z: float = 6.0
     power: float = 1.0
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)

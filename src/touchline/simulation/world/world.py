@@ -104,7 +104,8 @@ class World:
     board_height: of the dark barrier around the carpet (0: none). seam_spacing: carpet strips run across the field's
     length, this far apart (0: none). carpet_contrast: 1 is the wear and pile of a used carpet, 0 is plain colour.
     carpet_border_m: how far outside the lines the carpet ends (None: as the field says); floor: colour beside it.
-    line_wear: how much of the lines' paint is rubbed off, and how dirty they are, 0 to 1 each.
+    line_wear: how much of the lines' paint is rubbed off, and how dirty they are, 0 to 1 each. gloss: share of the
+    light that the carpet mirrors at grazing angles.
     """
 
     field: FieldModel
@@ -120,6 +121,7 @@ class World:
     carpet_border_m: float | None = None
     floor: Colour = (0.40, 0.375, 0.35)
     line_wear: tuple[float, float] = (0.0, 0.0)
+    gloss: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
