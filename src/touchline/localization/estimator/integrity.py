@@ -48,7 +48,7 @@ SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.6  # bound from which a pose is of no use
 # way without an image, on which the odometry might have the wrong sign: from where a bound grows, how, and is none
-UNSEEN_M, UNSEEN_RATIO, MAX_UNSEEN_M = 0.15, 3.0, 0.6
+UNSEEN_M, UNSEEN_RATIO, MAX_UNSEEN_M = 0.15, 1.5, 1.0
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 
