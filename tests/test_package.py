@@ -114,7 +114,7 @@ def test_a_shell_completes_the_commands(monkeypatch: pytest.MonkeyPatch, capsys:
 def test_every_extra_stands_on_the_page_of_installing() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     page = (ROOT / "docs" / "release.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\| `\[(\w+)\]`", page, re.MULTILINE)) == set(project["optional-dependencies"])
+    assert set(re.findall(r"^\| `\[([\w-]+)\]`", page, re.MULTILINE)) == set(project["optional-dependencies"])
     assert f"Python {project['requires-python'].removeprefix('>=')} or newer" in page
 
 

@@ -59,7 +59,9 @@ def yaml_value(text: str) -> Any:
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        what = f"is not valid YAML ({getattr(error, 'problem', None) or str(error).splitlines()[0]})"
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        deep = "nesting depth" in problem  # libyaml's own bound, which is met before the first event
+        what = f"is nested deeper than {MAX_DEPTH} levels" if deep else f"is not valid YAML ({problem})"
         raise YamlError(what, None if mark is None else mark.line + 1) from None
     except UnicodeEncodeError:
         raise YamlError("is not a text") from None

@@ -119,12 +119,17 @@ class Integrity:
 
     @property
     def is_believed(self) -> bool:
-        """Whether a pose may be tracked."""
+        """Whether a pose may be tracked: nothing contradicts it, and no offset that is not refuted is too large."""
+        return self.is_consistent and not self.offsets.doubt
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether nothing contradicts the pose."""
         newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
         late_m = abs(self.lag_s) * float(np.hypot(*self._velocity[:2]))
         explains = sum(newest) >= least * len(newest)
-        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M and not self.offsets.doubt
+        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M
 
     @property
     def is_settled(self) -> bool:
@@ -148,7 +153,7 @@ class Integrity:
             return self.verdict.reason
         if not self.confirmed:
             return UNCONFIRMED
-        if self.offsets.doubt:
+        if self.is_consistent:
             return self.offsets.doubt
         jumped = self._since_jump < SHARE_MEMORY
         return "the pose has jumped" if jumped else "the pose explains too little of what is seen"

@@ -98,7 +98,8 @@ class Monitor:
         spent_ms = estimate.localization_ms + 1e3 * (time.perf_counter() - start_s)
         problems = (*estimate.problems, *said)
         estimate = replace(estimate, problems=problems, statistics=self.integrity.statistics, localization_ms=spent_ms)
-        if self.integrity.is_believed and late_m < MAX_LATE_M:
+        # offsets that are not refuted yet widen a bound, of which these systems give none
+        if self.integrity.is_consistent and late_m < MAX_LATE_M:
             return estimate
         return estimate.unconfirmed(self.integrity.reason or late)
 
