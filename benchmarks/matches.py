@@ -1,10 +1,11 @@
-"""matches: whole matches with a referee, in which a humanoid is penalised, picked up, falls and changes its half.
+"""Whole matches with a referee, in which a humanoid is penalised, picked up, falls and changes its half.
 
-No figure of a paper.
+python benchmarks/matches.py [--seeds 5]        # forty matches a seed, a minute or more of processor time each
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -135,3 +136,15 @@ def _cells(kind: str, returns: Sequence[Return]) -> Row:
     cells = [f"{np.quantile(each, share):.1f}" if each else NONE for each in times for share in (0.5, 0.95)]
     named = sum(one.named for one in undecided)
     return (kind, f"{len(returns)}", _ratio(returns), f"{named} of {len(undecided)}", *cells)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=1)
+    found = matches(parser.parse_args().seeds)
+    print(found.title, *(" | ".join(row) for row in (found.columns, *found.rows)), *found.notes, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
