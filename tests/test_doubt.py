@@ -69,7 +69,7 @@ def test_garbage_is_not_tracked(name: str, start_s: float, garbage: object) -> N
 
 def test_the_paper_believes_garbage() -> None:
     drive = Fault("ring", 0.0, 9.0, RING).laid_into(driven(1), np.random.default_rng(0))
-    assert wrong(drive, localized("nubot-mti", drive, "paper.failure.doubt=false")) > 20
+    assert wrong(drive, localized("nubot-mti", drive, "paper.failure.doubt=false", "paper.failure.monitor=false")) > 20
 
 
 @BOTH

@@ -98,6 +98,12 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         _refuse_twice(node)  # before merged keys (<<) are put among the others: these may come again
         return super().construct_document(node)
 
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Merged keys among the others: of a key that comes again the last one counts, wherever it is merged next."""
+        super().flatten_mapping(node)
+        node.value = list({getattr(key, "value", id(key)) if isinstance(key, yaml.ScalarNode) else id(key): (key, value)
+                           for key, value in node.value}.values())  # fmt: skip
+
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
             value = super().construct_object(node, deep)

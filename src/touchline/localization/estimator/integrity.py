@@ -47,8 +47,7 @@ VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.6  # bound from which a pose is of no use
-# way without an image, on which the odometry might have the wrong sign: from where a bound grows, how, and is none
-UNSEEN_M, UNSEEN_RATIO, MAX_UNSEEN_M = 0.15, 1.5, 1.0
+UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 
@@ -119,17 +118,12 @@ class Integrity:
 
     @property
     def is_believed(self) -> bool:
-        """Whether a pose may be tracked: nothing contradicts it, and no offset that is not refuted is too large."""
-        return self.is_consistent and not self.offsets.doubt
-
-    @property
-    def is_consistent(self) -> bool:
-        """Whether nothing contradicts the pose."""
+        """Whether a pose may be tracked."""
         newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
         late_m = abs(self.lag_s) * float(np.hypot(*self._velocity[:2]))
         explains = sum(newest) >= least * len(newest)
-        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M
+        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M and not self.offsets.doubt
 
     @property
     def is_settled(self) -> bool:
@@ -153,7 +147,7 @@ class Integrity:
             return self.verdict.reason
         if not self.confirmed:
             return UNCONFIRMED
-        if self.is_consistent:
+        if self.offsets.doubt:
             return self.offsets.doubt
         jumped = self._since_jump < SHARE_MEMORY
         return "the pose has jumped" if jumped else "the pose explains too little of what is seen"
@@ -194,9 +188,6 @@ class Integrity:
         mean_m, deviation_m, turn = self.offsets.bound
         unseen = history.between(min(self._seen_ns, stamp_ns), stamp_ns).pose
         unseen_m = math.hypot(unseen.x, unseen.y)
-        if unseen_m > MAX_UNSEEN_M:
-            self.unbounded = f"nothing has been seen for {unseen_m:.1f} m"
-            return None
         position_m = math.hypot(wider * math.sqrt(major2), deviation_m) + max(mean_m, PROTECTION_M)
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
         if position_m > ALERT_M or heading_rad > ALERT_RAD:

@@ -98,10 +98,10 @@ class Monitor:
         spent_ms = estimate.localization_ms + 1e3 * (time.perf_counter() - start_s)
         problems = (*estimate.problems, *said)
         estimate = replace(estimate, problems=problems, statistics=self.integrity.statistics, localization_ms=spent_ms)
-        # offsets that are not refuted yet widen a bound, of which these systems give none
-        if self.integrity.is_consistent and late_m < MAX_LATE_M:
+        # what may be, but is not shown, would cost these systems poses that are right: an alarm alone counts
+        if self.integrity.verdict.images and late_m < MAX_LATE_M:
             return estimate
-        return estimate.unconfirmed(self.integrity.reason or late)
+        return estimate.unconfirmed(self.integrity.verdict.reason or late)
 
     def _take(self, estimate: Estimate, image: Image, history: MotionHistory) -> None:
         """Register an image from the system's pose, and judge what comes of it."""
