@@ -290,9 +290,12 @@ def rough(frames: Sequence[Frame], times_s: FloatArray, shove_m: float) -> list[
     return found
 
 
-def narrow(frames: Sequence[Frame]) -> list[Frame]:
-    """A narrow view, for 4 s; it shows several places alike."""
-    return [replace(each, observation=sector(each.observation, 0.6)) for each in frames[10:50]]
+FIRST_NARROW = {"mirror": 0, "perspective": 10}
+
+
+def narrow(frames: Sequence[Frame], first: int) -> list[Frame]:
+    """A narrow view, for 4 s, that shows several places alike. first: image."""
+    return [replace(each, observation=sector(each.observation, 0.6)) for each in frames[first : first + 40]]
 
 
 def fingerprint(estimates: Sequence[Estimate]) -> list[Any]:
@@ -319,7 +322,10 @@ def ridden(kind: str, key: str | None) -> list[Any]:
     system = open_system("touchline", setup, settings)
     x, y, heading = truth[0].tolist()
     found = []
-    for prior, seen in ((Prior(Pose(x + 0.1, y - 0.1, heading + 0.05)), frames), (None, narrow(plain))):
+    for prior, seen in (
+        (Prior(Pose(x + 0.1, y - 0.1, heading + 0.05)), frames),
+        (None, narrow(plain, FIRST_NARROW[kind])),
+    ):
         system.reset(prior)
         found += [system.step(each) for each in seen]
     return fingerprint(found)

@@ -119,11 +119,14 @@ class Integrity:
     @property
     def is_believed(self) -> bool:
         """Whether a pose may be tracked."""
-        newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
+        return self.confirmed and self.is_consistent(least) and not self.offsets.doubt
+
+    def is_consistent(self, min_share: float) -> bool:
+        """Whether nothing contradicts the pose, which explains at least this share of what is seen."""
+        newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
         late_m = abs(self.lag_s) * float(np.hypot(*self._velocity[:2]))
-        explains = sum(newest) >= least * len(newest)
-        return self.verdict.images and self.confirmed and explains and late_m < MAX_LATE_M and not self.offsets.doubt
+        return self.verdict.images and sum(newest) >= min_share * len(newest) and late_m < MAX_LATE_M
 
     @property
     def is_settled(self) -> bool:

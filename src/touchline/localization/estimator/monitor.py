@@ -20,7 +20,7 @@ from touchline.geometry import Pose
 from touchline.localization.camera_errors.base import CameraErrors
 from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, could_be_shove
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
-from touchline.localization.estimator.integrity import MAX_LATE_M, Integrity, Jump
+from touchline.localization.estimator.integrity import MAX_LATE_M, MIN_SHARE_NOW, Integrity, Jump
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.registration.covariance import ANYWHERE
@@ -98,10 +98,10 @@ class Monitor:
         spent_ms = estimate.localization_ms + 1e3 * (time.perf_counter() - start_s)
         problems = (*estimate.problems, *said)
         estimate = replace(estimate, problems=problems, statistics=self.integrity.statistics, localization_ms=spent_ms)
-        # what may be, but is not shown, would cost these systems poses that are right: an alarm alone counts
-        if self.integrity.verdict.images and late_m < MAX_LATE_M:
+        # offsets that are not refuted would cost these systems poses that are right: they give no bound to widen
+        if self.integrity.is_consistent(MIN_SHARE_NOW) and late_m < MAX_LATE_M:
             return estimate
-        return estimate.unconfirmed(self.integrity.verdict.reason or late)
+        return estimate.unconfirmed(self.integrity.reason or late)
 
     def _take(self, estimate: Estimate, image: Image, history: MotionHistory) -> None:
         """Register an image from the system's pose, and judge what comes of it."""
@@ -119,6 +119,9 @@ class Monitor:
             predicted = before.pose.compose(history.between(before.stamp_ns, estimate.stamp_ns).pose)
         elsewhere = predicted is None or not could_be_shove(pose.as_array() - predicted.as_array())
         jump = Jump(predicted, elsewhere)
+        verdict, motion = self.integrity.verdict, max(self.integrity.relation.statistics.values())
+        if elsewhere and not verdict.images and verdict.since_ns is None and motion < 1.0:
+            self.integrity.reset(confirmed=True)  # what the pose before did not explain says nothing of this one
         verdict = self.integrity.update(estimate.stamp_ns, image, self.bank, history, self._late_s, jump)
         if verdict.late_s is not None:
             self._late_s = verdict.late_s
