@@ -272,7 +272,11 @@ class MotionRelation:
 
     @property
     def _is_telling(self) -> bool:
-        return float(np.abs(self._steps.told[-AGREEING:, :2]).sum()) > TELLING_M or self.turns
+        return self._tells(AGREEING)
+
+    def _tells(self, newest: int) -> bool:
+        x, y, turn = np.abs(self._steps.told[-newest:]).sum(axis=0).tolist()
+        return x + y > TELLING_M or turn > TELLING_RAD
 
     @property
     def turns(self) -> bool:
@@ -282,8 +286,13 @@ class MotionRelation:
     @property
     def confirms(self) -> bool:
         """Whether a few steps agree, over which the robot has moved enough to tell."""
-        newest = self._steps.costs[-SUFFIXES[0] :]
-        return len(newest) >= CONFIRMING and float(newest.mean()) < USUAL_COST and self._is_telling
+        costs = self._steps.costs
+        if len(costs) < CONFIRMING:
+            return False
+        if float(costs[-SUFFIXES[0] :].mean()) < USUAL_COST and self._is_telling:
+            return True
+        # a first pose of an unknown camera may be off: those after it count by themselves
+        return float(costs[-CONFIRMING:].mean()) < USUAL_COST and self._tells(CONFIRMING)
 
     def update(self, sighting: Sighting, history: MotionHistory, late_s: float, jumped: bool) -> None:
         """Take a pose by an image. late_s: how late it is believed to be stamped; jumped: not from where it was."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -82,11 +83,13 @@ class VisualMotion:
         else:
             best = self._registered(stamp_ns, image, camera, last.pose + seconds * self._velocity, FOLLOWING)
             if best.explained < MIN_EXPLAINED or not camera.all_round:
-                still = self._registered(stamp_ns, image, camera, last.pose)
-                best = max(best, still, key=lambda one: one.log_likelihood)
+                moving, still = best, self._registered(stamp_ns, image, camera, last.pose)
+                best = max(moving, still, key=lambda one: one.log_likelihood)
                 other = self._registered(stamp_ns, image, camera, found)
                 if other.log_likelihood > best.log_likelihood + (LOST if camera.all_round else 0.0):
                     best = other._replace(begun=is_far(other.pose, last.pose))
+                if not camera.all_round:
+                    best = _mixed(best, (moving, still, other))
             if seconds > 0.0:
                 self._velocity = difference(best.pose, last.pose) / seconds
         if best.begun:
@@ -106,6 +109,20 @@ class VisualMotion:
         covariance = inverse(joint.information + information)[:3, :3]
         covariance = _told_alone(covariance) if camera.all_round else SECTOR_RATIO * covariance
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
+
+
+def _mixed(best: Sighting, fits: Sequence[Sighting]) -> Sighting:
+    """The mean and covariance of fits near the best, by their likelihoods: a few points that may lie on either of two
+    lines fit at several places, and each place's own covariance knows nothing of the others.
+    """
+    near = [one for one in fits if not is_far(one.pose, best.pose)]
+    weights = np.exp([one.log_likelihood - best.log_likelihood for one in near])
+    weights /= weights.sum()
+    offsets = np.array([difference(one.pose, best.pose) for one in near])
+    mean = weights @ offsets
+    offsets -= mean
+    covariance = np.einsum("k,kij->ij", weights, np.array([one.covariance for one in near]))
+    return best._replace(pose=best.pose + mean, covariance=covariance + (weights * offsets.T) @ offsets)
 
 
 def _told_alone(covariance: FloatArray) -> FloatArray:
