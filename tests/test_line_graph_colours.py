@@ -96,7 +96,7 @@ def test_a_colour_file_s_classes_are_those_that_were_marked() -> None:
     ellipses = (*FIXED[:3], learned_ellipse(tinted, FIXED[3], 0.0), FIXED[4])
     b, g, r = mauve[0].astype(int)
     for colours, wanted in ((model, False), (replace(model, ellipses=ellipses), True)):
-        table = classes_of_model(colours, yuv=False).table
+        table = classes_of_model(colours, yuv=False).tables[0]
         assert (table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)] == MAGENTA) == wanted
 
 
@@ -152,7 +152,8 @@ def test_cells_count_as_numpy_does() -> None:
     table = np.random.default_rng(1).choice(np.array([1, 3, 8, 40, 200], dtype=np.uint8), 1 << 16)
     rows, columns = 240 // CELL_PX, 320 // CELL_PX
     counts = np.empty((CLASSES, rows, columns), dtype=np.uint8)
-    count_classes(image, table, np.full((rows, columns), 100, dtype=np.uint8), counts)
+    same = np.stack((table, table))
+    count_classes(image, same, np.full((rows, columns), 100, dtype=np.uint8), np.zeros((rows, columns), np.uint8), counts)
     b, g, r = (image[..., k].astype(np.int64) for k in range(3))
     codes = table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)]
 

@@ -34,9 +34,15 @@ HALF_WHITE = 0.5  # a pixel that is half paint is white: edges lie at half heigh
 _MIN_WHITE = 0.15  # colours less white than this are never white, whatever the light
 _EVERY = 4  # pixels between the samples that tell the light
 _LIGHT_REACH = 6  # cells to each side that the light is averaged over
+_WASHED = 0.25  # least excess of G of washed-out carpet, from that of paint (0) to that of carpet (1)
+_GREENER = 1.02  # than red, which yellow is not
+_WASHED_BRIGHTER = 1.15  # than the carpet that was learned
+_WASHED_REACH, _WASHED_SHARE = 2, 0.35  # cells to each side, and the share of them that is washed-out
+_SATURATED = 0.75  # of how white an image can get: paint is no whiter in any light
 _PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
 _MIN_PIXELS = 30  # pixels that paint is learned from
 _BESIDE_PX = 15  # paint lies within so many pixels of carpet
+_SOLID = 0.5  # share of green about a pixel of it that is carpet
 _FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
 _PAINT_ROUNDS = 3
 _EDGES = 0.65  # share of what is pale between carpet that is only partly paint
@@ -48,14 +54,16 @@ CountArray = npt.NDArray[np.uint8]
 class ColourClasses(NamedTuple):
     """The learned classes.
 
-    table: uint8 (65536,) by the 5, 6 and 5 highest bits of B, G, R: a class, OTHER, or FIRST_WHITE and more. model:
-    carpet and paint that it comes from. white_from: the code from which on a pixel is white in the light it was learned
-    in. local: whether that goes with the light about each cell.
+    tables: uint8 (2, 65536) by the 5, 6 and 5 highest bits of B, G, R: a class, OTHER, or FIRST_WHITE and more; the
+    second where the sun washes the carpet out. model: carpet and paint that it comes from. white_from: the code from
+    which on a pixel is white in the light it was learned in, white_until: in any light. local: whether that goes with
+    the light about each cell.
     """
 
-    table: npt.NDArray[np.uint8]
+    tables: npt.NDArray[np.uint8]
     model: ColourModel
     white_from: float
+    white_until: float
     local: bool
 
 
@@ -76,16 +84,44 @@ def learn_classes(
         model = colour_model(carpet, paint)
     if not yuv:
         model = replace(model, ellipses=standing_ellipses(images, around, model))
-    table = yuv_table(model, carpet.pixels) if yuv else relative_table(model)
-    return ColourClasses(table, model, _white_from(model, yuv), not yuv)
+    return _classes(model, carpet.pixels if yuv else None)
 
 
 def classes_of_model(model: ColourModel, yuv: bool) -> ColourClasses:
     """The classes of a colour table that was kept in a file."""
     colours = _cell_colours()
     carpet = colours[model.classify(colours.astype(np.uint8)) == IS_GREEN]
-    table = yuv_table(model, carpet) if yuv else relative_table(model)
-    return ColourClasses(table, model, _white_from(model, yuv), not yuv)
+    return _classes(model, carpet if yuv else None)
+
+
+def _classes(model: ColourModel, carpet: FloatArray | None) -> ColourClasses:
+    """The classes of a model; in the paper's form with pixels (N, 3) of carpet."""
+    if carpet is not None:
+        table = yuv_table(model, carpet)
+        return ColourClasses(np.stack((table, table)), model, float(FIRST_WHITE), 255.0, False)
+    table = relative_table(model)
+    tables = np.stack((table, _with_washed_carpet(table, model)))
+    whitest = float((255.0 - model.green) @ model.signal)
+    until = max(_SATURATED * whitest, HALF_WHITE)
+    half, until = (FIRST_WHITE + WHITE_STEPS * each for each in (HALF_WHITE, until))
+    return ColourClasses(tables, model, half, until, True)
+
+
+def _with_washed_carpet(table: npt.NDArray[np.uint8], model: ColourModel) -> npt.NDArray[np.uint8]:
+    """The table with all as green that is brighter than the carpet, paler and greenish still: carpet in the sun, or
+    where the edge of a line is.
+    """
+    colours = _cell_colours()
+    (carpet, paint), excess = (_excess(np.stack((model.green, model.white)))), _excess(colours)
+    washed = (excess > paint + _WASHED * (carpet - paint)) & (colours[:, 1] > _GREENER * colours[:, 2])
+    washed &= colours.sum(axis=1) > _WASHED_BRIGHTER * model.green.sum()
+    return np.where(washed, GREEN, table).astype(np.uint8)
+
+
+def _excess(colours: FloatArray) -> FloatArray:
+    """(N,) of G over the mean of B and R, as a share of their sum."""
+    shares: FloatArray = 1.5 * colours[:, 1] / colours.sum(axis=1) - 0.5
+    return shares
 
 
 def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
@@ -115,10 +151,6 @@ def yuv_table(model: ColourModel, carpet: FloatArray) -> npt.NDArray[np.uint8]:
     table[near & (y > 0.6 * low) & (y < 1.2 * high)] = GREEN
     bright = y >= _luminance_of_white(model)
     return np.where(bright, 255, table).astype(np.uint8)
-
-
-def _white_from(model: ColourModel, yuv: bool) -> float:
-    return float(FIRST_WHITE) if yuv else FIRST_WHITE + HALF_WHITE * WHITE_STEPS
 
 
 def _luminance_of_white(model: ColourModel) -> float:
@@ -170,12 +202,14 @@ def _between_carpet(image: ImageArray, around: npt.NDArray[np.bool_], model: Col
     """(N, 3) colours that are brighter than carpet close by on both sides of them, as if its light were the usual."""
     smooth = cv2.blur(image, (3, 3))  # blades of turf glitter
     green = ((model.classify(image) == IS_GREEN) & around).astype(np.uint8)
+    # specks of green in a wall or a ceiling are no carpet
+    size = (2 * _BESIDE_PX + 1,) * 2
+    green &= (cv2.blur(green.astype(np.float32), size) > _SOLID).astype(np.uint8)
     half = np.zeros((1, 2 * _BESIDE_PX + 1), dtype=np.uint8)
     half[:, : _BESIDE_PX + 1] = 1
     kernels = (half, half[:, ::-1].copy(), half.T.copy(), half[:, ::-1].T.copy())
     left, right, above, below = (cv2.dilate(green, kernel).astype(np.bool_) for kernel in kernels)
     between = ((left & right) | (above & below)) & around & (green == 0)
-    size = (2 * _BESIDE_PX + 1,) * 2
     brightness = image.sum(axis=2, dtype=np.float32)
     light = cv2.blur(brightness * green, size) / np.maximum(cv2.blur(green.astype(np.float32), size), 1e-3)
     colours, light = smooth[between].astype(np.float64), light[between] / model.green.sum()
@@ -186,11 +220,15 @@ def _between_carpet(image: ImageArray, around: npt.NDArray[np.bool_], model: Col
 
 @njit(cache=True)
 def count_classes(
-    image: ImageArray, table: npt.NDArray[np.uint8], white_from: npt.NDArray[np.uint8], counts: CountArray
+    image: ImageArray,
+    tables: npt.NDArray[np.uint8],
+    white_from: npt.NDArray[np.uint8],
+    washed: npt.NDArray[np.uint8],
+    counts: CountArray,
 ) -> None:
     """Count the classes of an image (H, W, 3) in cells of 8 x 8 pixels, into counts (8, rows, columns).
 
-    white_from: (rows, columns) code of the table from which on a pixel is white.
+    white_from: (rows, columns) code from which on a pixel is white. washed: (rows, columns) which of the tables.
     """
     packed = np.zeros(256, dtype=np.uint64)  # eight counters of a byte each
     for kind in range(1, CLASSES):
@@ -205,6 +243,7 @@ def count_classes(
             _entries(image[v].ravel(), entries)
             for column in range(columns):
                 total, least, first = totals[column], white_from[row, column], np.uint64(CELL_PX * column)
+                table = tables[washed[row, column]]
                 for k in range(CELL_PX):
                     code = table[np.uint64(entries[first + np.uint64(k)])]  # unsigned: none can count from the end
                     total += packed[np.uint64(code)] + (one if code >= least else nothing)
@@ -223,34 +262,63 @@ def _entries(line: ImageArray, entries: npt.NDArray[np.uint16]) -> None:
 
 
 @njit(cache=True)
-def carpet_light(image: ImageArray, table: npt.NDArray[np.uint8], carpet_sum: float, light: FloatArray) -> None:
-    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns).
+def carpet_light(
+    image: ImageArray,
+    tables: npt.NDArray[np.uint8],
+    carpet_sum: float,
+    light: FloatArray,
+    washed: npt.NDArray[np.uint8],
+) -> None:
+    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), and
+    whether the sun washes it out, into washed (rows, columns).
 
-    carpet_sum: B + G + R of the carpet that was learned. 1 where no carpet is near.
+    carpet_sum: B + G + R of the carpet that was learned. light is 1 where no carpet is near.
     """
     rows, columns = light.shape
-    sums, counts = np.zeros((rows + 1, columns + 1)), np.zeros((rows + 1, columns + 1))
+    # integral images, of brightness and number of green samples and of those of washed-out ones: what is summed over
+    # any rectangle costs four look-ups
+    sums = np.zeros((4, rows + 1, columns + 1))
+    cell = np.empty(4)
     for row in range(rows):
         for column in range(columns):
-            brightness, count = np.int64(0), 0
+            cell[:] = 0.0
             for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
                 for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
                     b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
-                    if table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)] == GREEN:
-                        brightness += b + g + r
-                        count += 1
-            # integral images: what is summed over any rectangle costs four look-ups
-            for total, value in ((sums, brightness), (counts, count)):
+                    entry = ((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)
+                    if tables[1, entry] == GREEN:
+                        first = 0 if tables[0, entry] == GREEN else 2
+                        cell[first] += b + g + r
+                        cell[first + 1] += 1.0
+            for k in range(4):
+                total = sums[k]
                 total[row + 1, column + 1] = (
-                    value + total[row, column + 1] + total[row + 1, column] - total[row, column]
+                    cell[k] + total[row, column + 1] + total[row + 1, column] - total[row, column]
                 )
+    per_cell = (CELL_PX // _EVERY) ** 2
     for row in range(rows):
-        top, bottom = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
         for column in range(columns):
-            left, right = max(column - _LIGHT_REACH, 0), min(column + _LIGHT_REACH + 1, columns)
-            count = counts[bottom, right] - counts[top, right] - counts[bottom, left] + counts[top, left]
-            brightness = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+            near = _window(row, column, _WASHED_REACH, rows, columns)
+            area = (near[1] - near[0]) * (near[3] - near[2]) * per_cell
+            washed[row, column] = _inside(sums[3], near) > _WASHED_SHARE * area
+            wide = _window(row, column, _LIGHT_REACH, rows, columns)
+            brightness, count = _inside(sums[0], wide), _inside(sums[1], wide)
+            if washed[row, column]:
+                brightness, count = _inside(sums[2], near), _inside(sums[3], near)
             light[row, column] = brightness / (count * carpet_sum) if count > 8.0 else 1.0
+
+
+@njit(cache=True)
+def _window(row: int, column: int, reach: int, rows: int, columns: int) -> tuple[int, int, int, int]:
+    """First and last row and column, the last ones excluded."""
+    return max(row - reach, 0), min(row + reach + 1, rows), max(column - reach, 0), min(column + reach + 1, columns)
+
+
+@njit(cache=True)
+def _inside(total: FloatArray, at: tuple[int, int, int, int]) -> float:
+    """Sum over a window, from an integral image."""
+    top, bottom, left, right = at
+    return float(total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left])
 
 
 @njit(cache=True)

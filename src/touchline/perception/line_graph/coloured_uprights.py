@@ -74,7 +74,7 @@ def coloured_uprights(
         return []
     limits = np.array([min(post.height for post in coloured), max(post.diameter for post in coloured)])
     found = np.empty((_MAX_UPRIGHTS, _BANDS + 1 + _MAX_BANDS))
-    count = _find(pixels, classes.table, structure.counts, structure.ends, plane, limits, found)
+    count = _find(pixels, classes.tables[0], structure.counts, structure.ends, plane, limits, found)
     uprights = []
     for row in found[:count]:
         x, y = plane_from_pixel(plane.lens, row[_U], row[_V])

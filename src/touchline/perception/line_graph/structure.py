@@ -82,13 +82,15 @@ def find_structure(
 
 
 def _counted(image: ImageArray, classes: ColourClasses, usable: npt.NDArray[np.bool_]) -> tuple[CountArray, FloatArray]:
-    light = np.ones(usable.shape)
+    light, washed = np.ones(usable.shape), np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
-        carpet_light(image, classes.table, float(classes.model.green.sum()), light)
+        carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
         np.clip(light, _DARKEST, _BRIGHTEST, out=light)
-    white_from = np.clip(FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, FIRST_WHITE, 255).astype(np.uint8)
+    white_from = np.clip(
+        FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, FIRST_WHITE, min(classes.white_until, 255.0)
+    ).astype(np.uint8)
     counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
-    count_classes(image, classes.table, white_from, counts)
+    count_classes(image, classes.tables, white_from, washed, counts)
     suppress_fringes(counts)
     counts[:, ~usable] = 0
     return counts, light
