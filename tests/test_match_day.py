@@ -18,13 +18,13 @@ from touchline.live.datagrams import Datagrams
 from touchline.live.game_controller import GameController, WithGameController
 from touchline.live.heard import Heard, Published
 from touchline.live.state_file import StateFile, prior_of, resume
+from touchline.localization.estimator.game_states import Referee, game_prior
 from touchline.localizer import Localizer
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup
-from touchline.systems.game_states import Referee, game_prior
 from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Estimate, Evidence, Frame, GameState, Prior, Samples, Status, WeightedPose
 

@@ -22,12 +22,12 @@ from touchline.localization.estimator.bank import Image, Member
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.game_states import game_prior
 from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.feature_model import FeatureModel, field_lines
 from touchline.localization.registration.seen import seen_of
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.game_states import game_prior
 from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
 

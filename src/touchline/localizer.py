@@ -28,10 +28,10 @@ from touchline.field import FieldModel, open_field
 from touchline.field.svg import field_svg
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
+from touchline.localization.estimator.game_states import game_prior
 from touchline.motion import FrameOrder, MotionHistory
 from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.systems import DEFAULT_SYSTEM, LocalizationSystem, RobotSetup, open_system
-from touchline.systems.game_states import game_prior
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import (
     MAX_VALUE,

@@ -83,6 +83,11 @@ class FieldEnd:
         self.prior_log_odds = log_odds
         self.undecided = self.symmetric and abs(self.log_odds) < -REFUTED
 
+    def add_half(self, pose: Pose, own_half: bool) -> None:
+        """A robot that is tracked stays where it is, in its own half where that is likelier."""
+        half = math.copysign(PRIOR_LOG_ODDS, -pose.x) if own_half else 0.0
+        self.take_prior(min(max(self.prior_log_odds + half, -PRIOR_LOG_ODDS), PRIOR_LOG_ODDS))
+
     @property
     def memory(self) -> EndMemory:
         """What is known now."""

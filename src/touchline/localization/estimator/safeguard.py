@@ -15,7 +15,8 @@ import numpy as np
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.estimator.bank import ALLOWED, Bank, Image
+from touchline.localization.estimator.bank import ALLOWED, Bank, Image, Member, could_be_shove
+from touchline.localization.estimator.believed import Believed
 from touchline.localization.estimator.field_end import EndMemory, FieldEnd
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.integrity import ALL_WELL, Integrity, Jump, Verdict
@@ -23,6 +24,7 @@ from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.registration import Registration
 from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed, delayed, moving
+from touchline.types import Hypothesis, Status
 
 KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one is taken: an alarm comes so late
 NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
@@ -38,6 +40,15 @@ class Kept(NamedTuple):
     stamp_ns: int
     filter: Filter
     end: EndMemory
+
+
+class Published(NamedTuple):
+    """A status with its reason, "" where there is none, and the protection levels (m, rad) where a bound is given."""
+
+    status: Status
+    reason: str
+    bound_m: float | None = None
+    bound_rad: float | None = None
 
 
 class Safeguard:
@@ -111,6 +122,28 @@ class Safeguard:
         camera = self.integrity.report_camera()
         return tuple(each for each in (verdict.reason, camera) if each)
 
+    def instead_of(self, found: Believed) -> Believed:
+        """The pose that is held, if there is one; what was found then is another hypothesis."""
+        if self.held is None:
+            return found
+        doubted = Hypothesis(found.pose, found.residual_m, None, found.covariance)
+        return Believed(self.held.pose, self.held.covariance, found.residual_m, [*found.others, doubted])
+
+    def judge(
+        self, status: Status, unseen: str, covariance: FloatArray, stamp_ns: int, history: MotionHistory
+    ) -> Published:
+        """What a status and covariance (3, 3) are worth. unseen: why images have not confirmed the pose yet, or ""."""
+        if unseen:
+            return Published(Status.SEARCHING, unseen)
+        if status is not Status.TRACKING:
+            return Published(status, self.verdict.reason)
+        if not self.integrity.is_believed:
+            return Published(Status.SEARCHING, self.integrity.reason)
+        bounds = self.integrity.protection(covariance, stamp_ns, history)
+        if bounds is None:
+            return Published(Status.SEARCHING, self.integrity.unbounded)
+        return Published(status, self.verdict.reason, *bounds)
+
     def keep(self, stamp_ns: int, one: Filter, end: FieldEnd) -> None:
         """Remember a pose that is tracked, every now and then."""
         if not self.integrity.is_settled:
@@ -166,3 +199,11 @@ def _distance2(pose: Pose, held: Filter, seen: Filter) -> float:
     off[2] = wrap_angle(float(off[2]))
     distance2 = float(off @ np.linalg.solve(held.covariance + seen.covariance, off))
     return distance2 if math.isfinite(distance2) else math.inf
+
+
+def jump_of(best: Member | None, predicted: FloatArray | None, expected: bool) -> Jump:
+    """From the pose (3,) that was predicted, if one was followed. expected: something has moved the robot unseen."""
+    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose.as_array() - predicted)
+    if predicted is None or (elsewhere and expected):
+        return Jump(None, True)
+    return Jump(Pose(*predicted.tolist()), elsewhere)

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.perspective import ahead
 from touchline.motion import LeanFilter
 
 LAGS_S = np.arange(-0.05, 0.26, 0.01)  # by how much stamps may be late: a driver that waits, a network
@@ -58,3 +59,9 @@ class SwayDelay:
         self.delay_s = float(LAGS_S[best] + 0.5 * step_s * (below - above) / (below - 2.0 * least + above))
         variance = least / self._images / bend  # each of the two leans errs by half of the mean square
         self.deviation_s = math.sqrt(variance + CLOCK_S**2)
+
+
+def lean_by(attitude: FloatArray, axis: FloatArray) -> FloatArray:
+    """Roll and pitch (2,) about the robot's axes of a camera that looks along an axis, from those about its own."""
+    (roll, pitch), (x, y) = attitude.tolist(), ahead(axis)
+    return np.array([x * roll - y * pitch, y * roll + x * pitch])

@@ -1,0 +1,111 @@
+"""When the field's end is known and when it is open: what was given at the start, and a compass, at each pose found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.bank import Bank, Member, could_be_shove
+from touchline.localization.estimator.compass_fault import StuckCompass
+from touchline.localization.estimator.field_end import FieldEnd
+from touchline.localization.estimator.watch import Ends
+from touchline.localization.search.pose_search import Known, contradiction
+from touchline.motion import MotionHistory
+from touchline.types import Frame, Prior
+
+ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
+GIVEN_S = 10.0  # for which a pose has to be tracked until the half that was given says no more of where one is found
+CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
+
+
+class EndJudge:
+    """Wires a start and a compass to the belief in the end. `ends`: for a search. `zone`: given, and not used up."""
+
+    def __init__(self, end: FieldEnd, compass_counts: bool, compass_sigma_rad: float) -> None:
+        """compass_sigma_rad: standard deviation of a heading by the compass."""
+        self.end, self._compass_counts = end, compass_counts
+        self._information = np.diag([0.0, 0.0, 1.0 / compass_sigma_rad**2])
+        self._stuck = StuckCompass()
+        self.reset(Prior())
+
+    def reset(self, prior: Prior) -> None:
+        """Know the prior alone."""
+        self._own_half, self._tracked_s = prior.own_half, 0.0
+        self.zone: Known | None = None
+        if prior.pose is not None and prior.covariance is not None and np.diag(prior.covariance).max() > ZONE**2:
+            self.zone = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance))
+        self._stuck.reset()
+        self.end.reset(known=prior.pose is not None)
+
+    def forget_start(self) -> None:
+        """The robot was moved since."""
+        self.zone, self._own_half = None, False
+
+    @property
+    def ends(self) -> Ends:
+        """What a search knows of them."""
+        return Ends(self.end.symmetric, self._own_half)
+
+    def take(self, frame: Frame) -> None:
+        """Take the compass readings of a frame."""
+        self._stuck.update(frame.compass)
+
+    def compass(self, stamp_ns: int, history: MotionHistory) -> float | None:
+        """The compass heading (rad) at a time; None where none counts."""
+        return history.compass.heading_at(stamp_ns) if self._compass_counts and not self._stuck.sticks else None
+
+    def known(self, compass_rad: float | None) -> tuple[Known, ...]:
+        """The heading by a compass, and the zone that was given."""
+        zone = () if self.zone is None else (self.zone,)
+        if compass_rad is None or self.end.compass.is_suspect:
+            return zone
+        return (Known(np.array([0.0, 0.0, compass_rad]), self._information), *zone)
+
+    def follow(self, bank: Bank, followed: Member | None, predicted: FloatArray, compass_rad: float | None) -> None:
+        """Whether the likeliest pose goes on from its prediction (3,), has jumped, or was found anew."""
+        best = bank.best
+        assert best is not None
+        if followed is None or not could_be_shove(best.filter.pose.as_array() - predicted):
+            self._begin(bank, best, followed is None, compass_rad)
+        elif best.shoved or best is not followed:
+            self.end.jumped()
+
+    def _begin(self, bank: Bank, best: Member, found: bool, compass_rad: float | None) -> None:
+        """A pose was found anew, or elsewhere. The half that was given holds until a pose was tracked for long."""
+        half = self._own_half and self._tracked_s < GIVEN_S
+        known = half or (found and self._is_in_zone(best.filter.pose))
+        if half and self.end.symmetric and best.filter.pose.x > 0.0:
+            self.swap_ends(bank)
+        self.end.begin(known, compass_error(best.filter.pose, compass_rad))
+        self.zone = None
+        if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
+            self.swap_ends(bank)
+
+    def refute(self, bank: Bank) -> tuple[str, ...]:
+        """Take the twin where it is clearly likelier; the problem to report."""
+        if not self.end.is_refuted:
+            return ()
+        refutation = self.end.refutation
+        self.swap_ends(bank)
+        return (refutation,)
+
+    def swap_ends(self, bank: Bank) -> None:
+        """The twin is the pose from now on."""
+        bank.swap_ends()
+        self.end.swap_ends()
+
+    def tracked(self, seconds: float) -> tuple[str, ...]:
+        """A pose is tracked, for so long since the last image; the problem to report."""
+        self._tracked_s += seconds
+        return self.end.report_undecided(seconds)
+
+    def _is_in_zone(self, pose: Pose) -> bool:
+        """Whether a pose is in the zone that was given, and its twin clearly is not."""
+        if self.zone is None:
+            return False
+        return contradiction(pose.mirrored(), self.zone) - contradiction(pose, self.zone) > CLEARLY
+
+
+def compass_error(pose: Pose, compass_rad: float | None) -> float | None:
+    """Of a compass, by the heading of a pose (rad); None: no reading."""
+    return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
