@@ -243,9 +243,10 @@ def test_a_simulated_match_is_recorded_with_its_referee(tmp_path: Path) -> None:
     assert [state for one in open_source(tmp_path / "match.mcap") for state in one.game] == said
 
 
-def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path) -> None:
+def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Told its end once, killed in play, a second process finds its pose and its end with the first images."""
-    place, path = Pose(2.0, 1.0, 0.3), tmp_path / "robot.json"
+    place, path, now_s = Pose(2.0, 1.0, 0.3), tmp_path / "robot.json", [1.7e9]
+    monkeypatch.setattr("touchline.live.state_file.time.time", lambda: now_s[0])
     assert "from now on" in resume(path, Localizer("msl-18x12"))
     first = Localizer("msl-18x12")
     first.reset(place)
@@ -254,8 +255,8 @@ def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path) -> None:
         kept.take(first.localize(100_000_000 * k, points=seen(place, k)))
     kept.close()
     assert [one.name for one in tmp_path.iterdir()] == ["robot.json"]
-    second = Localizer("msl-18x12")
-    assert "s ago, x 2.00 m, y 1.00 m" in resume(path, second)
+    second, now_s[0] = Localizer("msl-18x12"), now_s[0] + 4.6
+    assert "goes on from 5 s ago, x 2.00 m, y 1.00 m" in resume(path, second)
     walked_on = Pose(2.6, 1.3, 0.6)
     found = [second.localize(100_000_000 * k, points=seen(walked_on, k)) for k in range(50, 60)]
     tracked = [estimate for estimate in found if estimate.status is Status.TRACKING]
