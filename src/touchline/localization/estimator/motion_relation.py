@@ -276,7 +276,7 @@ class MotionRelation:
 
     def _tells(self, newest: int) -> bool:
         x, y, turn = np.abs(self._steps.told[-newest:]).sum(axis=0).tolist()
-        return x + y > TELLING_M or turn > TELLING_RAD
+        return bool(x + y > TELLING_M or turn > TELLING_RAD)
 
     @property
     def turns(self) -> bool:
