@@ -217,7 +217,7 @@ class Integrity:
         self.relation.all_round = bank.trust.free_fit
         last = self.motion.last
         if last is not None and not last.begun:
-            self._velocity = self.motion.velocity
+            self._velocity = self._velocity_since(last, stamp_ns, history)
         camera = Camera(
             bank.knowing.errors, bank.knowing.error_covariance + bank.statistics.per_image, bank.trust.free_fit
         )
@@ -248,6 +248,13 @@ class Integrity:
             if not self.suspect_mirror(stamp_ns, pose, predicted) and pose.distance_to(predicted) > MIN_LAG_M:
                 self._take_lag(pose, predicted)
         return self.verdict
+
+    def _velocity_since(self, last: Sighting, stamp_ns: int, history: MotionHistory) -> FloatArray:
+        """(3,) robot frame, since a sighting: two images of a sector are too noisy to tell it."""
+        seconds = 1e-9 * (stamp_ns - last.stamp_ns)
+        if self.relation.all_round or not self.verdict.odometry or not seconds or not len(history.odometry.samples):
+            return self.motion.velocity
+        return history.between(last.stamp_ns, stamp_ns).pose.as_array() / seconds
 
     def _confirm(self, jump: Jump, moves: bool) -> None:
         """A pose that was given holds where the image agrees; one that contradicts it is to be shown by turns, too: a
