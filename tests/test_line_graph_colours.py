@@ -12,7 +12,7 @@ import pytest
 from touchline.camera import GroundView, PinholeCamera
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose3
-from touchline.perception.colour import _most_frequent_green
+from touchline.perception.colour import Carpet, _most_frequent_green, colour_model
 from touchline.perception.colour_ellipses import FIXED, learned_ellipse, learned_names, tinted_chroma
 from touchline.perception.colour_file import save_colours
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings, structure
@@ -20,12 +20,14 @@ from touchline.perception.line_graph.colour_classes import (
     BLUE,
     CELL_PX,
     CLASSES,
+    FIRST_WHITE,
     FULL,
     GREEN,
     MAGENTA,
     ORANGE,
     OTHER,
     WHITE,
+    carpet_light,
     classes_of_model,
     colour_codes,
     count_classes,
@@ -153,7 +155,9 @@ def test_cells_count_as_numpy_does() -> None:
     rows, columns = 240 // CELL_PX, 320 // CELL_PX
     counts = np.empty((CLASSES, rows, columns), dtype=np.uint8)
     same = np.stack((table, table))
-    count_classes(image, same, np.full((rows, columns), 100, dtype=np.uint8), np.zeros((rows, columns), np.uint8), counts)
+    count_classes(
+        image, same, np.full((rows, columns), 100, dtype=np.uint8), np.zeros((rows, columns), np.uint8), counts
+    )
     b, g, r = (image[..., k].astype(np.int64) for k in range(3))
     codes = table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)]
 
@@ -228,3 +232,24 @@ def test_corners_that_the_lens_does_not_show_right_hold_no_colours() -> None:
     plane = image_plane(detector.lens, GroundView(camera))
     assert detector.classes is not None
     assert not detector._structure(worn_field(), detector.classes, plane).counts[:, ~detector._usable].any()
+
+
+def test_carpet_that_the_sun_washes_out_is_green_and_lines_on_it_are_white() -> None:
+    """Carpet whose G is at its limit, a patch of it as wide as the image; a line runs through both."""
+    image = np.zeros((240, 320, 3), dtype=np.uint8)
+    image[:] = (71, 138, 97)
+    image[:, 160:] = (146, 251, 222)
+    image[120:128] = (200, 205, 200)
+    image[120:128, 160:] = 255
+    carpet = Carpet(np.tile([71.0, 138.0, 97.0], (50, 1)) + np.random.default_rng(0).normal(0.0, 4.0, (50, 3)),
+                    np.array([71.0, 138.0, 97.0]), np.array([0.232, 0.317]), 0.01**2 * np.eye(2), 3.0)  # fmt: skip
+    classes = classes_of_model(colour_model(carpet, np.array([200.0, 205.0, 200.0])), yuv=False)
+    light, washed = np.ones((30, 40)), np.zeros((30, 40), dtype=np.uint8)
+    carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
+    assert washed[:, 22:].all()
+    assert not washed[:, :18].any()
+    white_from = np.clip(FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, 0, classes.white_until)
+    counts = np.empty((CLASSES, 30, 40), dtype=np.uint8)
+    count_classes(image, classes.tables, white_from.astype(np.uint8), washed, counts)
+    assert (counts[GREEN, :14, 22:] == 64).all()
+    assert (counts[WHITE, 15] == 64).all()

@@ -175,3 +175,20 @@ def test_clutter_is_not_taken_for_the_line_of_another_field(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = view(FIELD, Pose(3.2, -1.4, 0.5), rng, count=300, clutter=0.3)
     assert not any("lie in one row" in doubt for doubt in locate_points(points, FIELD).doubts)
+
+
+def test_furniture_beyond_the_field_is_left_out() -> None:
+    """Nine of a hundred points lie metres beyond the touch line: they say nothing of how well the others fit."""
+    field, pose = open_field("msl-18x12"), Pose(1.0, -3.0, 0.4)
+    rng = np.random.default_rng(3)
+    lines = np.concatenate([line[::4] for line in field.polylines(0.05)])
+    lines = lines[np.hypot(*(lines - (pose.x, pose.y)).T) < 6.0]
+    furniture = np.column_stack((rng.uniform(-3.0, 4.0, len(lines) // 10), rng.uniform(-8.0, -7.0, len(lines) // 10)))
+    points = pose.inverse().transform(np.concatenate((lines, furniture))) + rng.normal(
+        0.0, 0.02, (len(lines) + len(furniture), 2)
+    )
+    found = locate_points(points, field, 0.4)
+    assert found.pose.distance_to(pose) < 0.03
+    assert found.points == len(lines)
+    assert found.mean_distance_m < 0.04
+    assert found.doubts == ("9 % of the points lie beyond the outer lines and were left out",)

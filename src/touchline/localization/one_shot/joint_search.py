@@ -92,10 +92,18 @@ class JointSearch:
         """The features without errors (K,) of the camera."""
         return self._features.of(self._observation, lambda points: placed_points(points, errors, self._response))
 
+    def refits(self, fits: Sequence[JointFit]) -> list[JointFit]:
+        """From fits to another observation of the same image, the likeliest first."""
+        return sorted((self._fit(one.pose, one.errors) for one in fits), key=lambda one: -one.log_likelihood)
+
     def corrected(self, fit: JointFit) -> FloatArray:
         """The line points (N, 2), robot frame, as a camera without the errors of a fit would have seen them."""
-        points: FloatArray = placed_points(self.seen.positions_m, fit.errors, self._response)
-        return points
+        return self.placed(self.seen.positions_m, fit)
+
+    def placed(self, points_m: FloatArray, fit: JointFit) -> FloatArray:
+        """Points (N, 2), robot frame, as a camera without the errors of a fit would have seen them."""
+        placed: FloatArray = placed_points(points_m, fit.errors, self._response)
+        return placed
 
     def doubts(self, fit: JointFit) -> tuple[str, ...]:
         """What contradicts a fit, a sentence each: features that are none of the field's there, a camera far off."""

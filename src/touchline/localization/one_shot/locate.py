@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from touchline.camera import Camera
@@ -19,7 +20,7 @@ from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.given import given_numbers
 from touchline.localization.one_shot.certainty import CameraDoubt, Spread, points_covariance, with_camera
-from touchline.localization.one_shot.doubts import judge
+from touchline.localization.one_shot.doubts import FAR_M, MAX_OUTSIDE_RATIO, judge
 from touchline.localization.one_shot.joint_search import JointSearch
 from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, permutation_test
 from touchline.localization.one_shot.point_search import PointSearch
@@ -38,6 +39,7 @@ SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SA
 # log-odds against the likeliest pose from which another is none, where crossings or landmarks count: a perspective
 # camera's image is worth no more, as of `SECTOR`
 MAX_LOG_ODDS = 4.0
+MAX_BEYOND_RATIO = 0.1  # of the points beyond the outer lines, that are left out there
 MIN_EXPLAINED = 0.6  # share of what is seen that a pose must explain: with the camera's lean free, some pose fits half
 
 
@@ -183,10 +185,16 @@ def locate_points(
     _check_heading(heading)
     points, weights = _different_points(points, weights, s)
     search = PointSearch(field, heading, s.heading_tolerance_rad)
-    sample, weights = sampled(points, weights, MAX_POINTS, seed)
-    matches = _matches(search, sample, weights, heading, s)
+    sample, shares = sampled(points, weights, MAX_POINTS, seed)
+    matches = _matches(search, sample, shares, heading, s)
     if not matches:
         raise NoFitError(_no_heading_message(heading, s))
+    every = sample
+    inside = _on_field(matches[0][0].transform(points), field)
+    if not inside.all():
+        points, weights = np.ascontiguousarray(points[inside]), normalized(weights[inside])
+        sample, shares = sampled(points, weights, MAX_POINTS, seed)
+        matches = _matches(search, sample, shares, heading, s) or matches
     max_error = matches[0][1] * s.hypothesis_factor + s.hypothesis_margin
     similar = [_at(pose, points, field) for pose, error in matches if error <= max_error]
     # distances as well, because the error saturates: once far points are lost, it hardly tells how far
@@ -195,9 +203,26 @@ def locate_points(
     spread = Spread.stated_by(camera)
 
     def unsure(place: Pose) -> tuple[FloatArray, CameraDoubt]:
-        return with_camera(field, points, place, points_covariance(search, sample, weights, place), spread)
+        return with_camera(field, points, place, points_covariance(search, sample, shares, place), spread)
 
-    return _judged(_Found(points, sample, weights, similar, unsure), search, field, heading, s, seed)
+    found = _Found(points, sample, shares, similar, unsure, every, _beyond(inside))
+    return _judged(found, search, field, heading, s, seed)
+
+
+def _on_field(placed: FloatArray, field: FieldModel) -> NDArray[np.bool_]:
+    """(N,) which points (N, 2), field frame, are not beyond the outer lines, where furniture is; all of them where
+    that would be many: then the pose is wrong.
+    """
+    inside: NDArray[np.bool_] = np.all(np.abs(placed) < 0.5 * np.array([field.length, field.width]) + FAR_M, axis=1)
+    return inside if np.sum(~inside) <= MAX_BEYOND_RATIO * len(inside) else np.ones_like(inside)
+
+
+def _beyond(inside: NDArray[np.bool_]) -> tuple[str, ...]:
+    """That points were left out, where they are more than a few."""
+    beyond = float(np.sum(~inside)) / max(len(inside), 1)
+    if beyond <= MAX_OUTSIDE_RATIO:
+        return ()
+    return (f"{100.0 * beyond:.0f} % of the points lie beyond the outer lines and were left out",)
 
 
 def _locate_observation(
@@ -211,7 +236,8 @@ def _locate_observation(
     """As `locate_points`, by all that is seen; the points are those of a camera without the errors that are fitted."""
     _check_heading(heading)
     max_range_m = math.hypot(field.length, field.width) + BEYOND_M
-    joint = JointSearch(field, observation.usable(max_range_m), camera)
+    observation = observation.usable(max_range_m)
+    joint = JointSearch(field, observation, camera)
     positions_m, weights = _different_points(joint.seen.positions_m, None, s)
     search = PointSearch(field, heading, s.heading_tolerance_rad)
     matches = _matches(search, positions_m, weights, heading, s)
@@ -219,6 +245,11 @@ def _locate_observation(
     fits = [one for one in joint.fits([pose for pose, _ in matches], known) if _allowed(one.pose, heading, s)]
     if not fits:
         raise NoFitError(_no_heading_message(heading, s))
+    every, _ = sampled(*_different_points(joint.corrected(fits[0]), None, s), MAX_POINTS, seed)
+    inside = _on_field(fits[0].pose.transform(joint.placed(observation.points.positions_m, fits[0])), field)
+    if not inside.all():
+        joint = JointSearch(field, replace(observation, points=observation.points.rows(inside)), camera)
+        fits = joint.refits(fits)
     likely = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
     likely = [likely[k] for k in _different([one.pose for one in likely])]
     covariances = {one.pose: one.covariance for one in likely}
@@ -229,7 +260,9 @@ def _locate_observation(
     def unsure(place: Pose) -> tuple[FloatArray, None]:
         return covariances[place], None
 
-    found = _Found(points, sample, weights, similar, unsure, joint.doubts(fits[0]), fits[0].explained)
+    found = _Found(
+        points, sample, weights, similar, unsure, every, (*joint.doubts(fits[0]), *_beyond(inside)), fits[0].explained
+    )
     return replace(_judged(found, search, field, heading, s, seed), camera_errors=fits[0].errors)
 
 
@@ -237,7 +270,8 @@ class _Found(NamedTuple):
     """Poses that explain the points (N, 2) about equally well, the best first, and by how much each may be off.
     (Mean distances are of the points as each pose's camera errors correct them.)
 
-    sample, weights (M,): points of which the pose's error is taken. doubts: what else speaks against the best pose.
+    sample, weights (M,): points of which the pose's error is taken; every (M, 2): with those beyond the field, for the
+    test against chance. doubts: what else speaks against the best pose.
     explained: share of all that is seen that lies where it should.
     """
 
@@ -246,6 +280,7 @@ class _Found(NamedTuple):
     weights: FloatArray
     similar: Sequence[Hypothesis]
     unsure: Callable[[Pose], tuple[FloatArray, CameraDoubt | None]]
+    every: FloatArray
     doubts: tuple[str, ...] = ()
     explained: float = 1.0
 
@@ -256,7 +291,7 @@ def _judged(
     """The best pose, if it is better than chance, with all that speaks against it."""
     points, pose = found.points, found.similar[0].pose
     candidates = CANDIDATES if field.is_symmetric or heading is not None else 2 * CANDIDATES
-    chance = permutation_test(search, found.sample, seed, candidates)
+    chance = permutation_test(search, found.every, seed, candidates)
     distances = field.line_distances(pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
     nearest = Hypothesis(pose, mean_m)
