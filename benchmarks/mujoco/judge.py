@@ -10,6 +10,7 @@ are not made again. Needs `pip install 'touchline[mujoco]'`.
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,11 +26,16 @@ from touchline.geometry import wrap_angles
 from touchline.types import Status
 
 WRONG_M, WRONG_RAD = 0.5, np.radians(15.0)
+DECIDED = (
+    0.9  # probability of its end from which a pose at the other end of the field is wrong: below it the twin is named
+)
 FIRST_SEED = 100  # of the walks that judge
 
 
 class Walk(NamedTuple):
-    """One walk: errors (N, 3) (m, m, rad), their NEES over three (N,), which of its images were tracked (N,)."""
+    """One walk: errors (N, 3) (m, m, rad), where the end is open those of the nearer twin; their NEES over three (N,);
+    which of its images were tracked (N,).
+    """
 
     errors: np.ndarray
     nees: np.ndarray
@@ -51,6 +57,9 @@ def localized(recording: Path, system: str, folder: Path) -> Walk:
     table = run.estimates
     found = associate(table.trajectory.stamp_ns, truth.stamp_ns)
     errors = table.trajectory.values - truth.values[found]
+    turned = table.trajectory.values * (-1.0, -1.0, 1.0) + (0.0, 0.0, np.pi) - truth.values[found]
+    open_end = (table.end_probability < DECIDED) & (np.hypot(*turned[:, :2].T) < np.hypot(*errors[:, :2].T))
+    errors = np.where(open_end[:, np.newaxis], turned, errors)
     errors[:, 2] = wrap_angles(errors[:, 2])
     covariances = table.covariance[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3).astype(np.float64)
     nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances + 1e-12 * np.eye(3)), errors) / 3.0
@@ -61,7 +70,8 @@ def made(kind: str, seeds: range, seconds: float, calm: bool, folder: Path) -> I
     """The walks, made where they are missing."""
     for seed in seeds:
         path = folder / f"{kind}-{seed}"
-        if not path.exists():
+        if not (path / "sequence.yaml").exists():  # the last file of a walk
+            shutil.rmtree(path, ignore_errors=True)
             program = [sys.executable, str(Path(__file__).with_name("walks.py")), str(path), "--world", kind]
             given = ["--seconds", str(seconds), "--seed", str(seed), *(["--calm"] if calm else [])]
             subprocess.run([*program, *given], check=True, stderr=subprocess.DEVNULL)

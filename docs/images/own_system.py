@@ -126,20 +126,24 @@ def learning() -> Figure:
 
 
 def compass() -> Figure:
-    """Probability that the pose is at its end, by the compass alone, which turns round for 10 s and once for good."""
+    """Probability that the pose is at its end, by the compass alone, which turns round for 10 s and once for good; of a
+    robot that it had agreed with for long, and of one that was found two seconds before.
+    """
     figure, each = plt.subplots(figsize=(11.0, 2.6), layout="constrained")
-    compass = CompassFaultFilter()
-    compass.begin(0.0)
-    times_s = np.arange(0.0, 120.0, 0.1)
-    probabilities = []
-    for time_s in times_s:
-        failed = 40.0 <= time_s < 50.0 or time_s >= 80.0
-        compass.update(np.pi if failed else 0.0, 0.1)
-        probabilities.append(1.0 / (1.0 + np.exp(-compass.log_odds)))
     each.axvspan(40.0, 50.0, color="0.88")
     each.axvspan(80.0, 120.0, color="0.88")
-    each.plot(times_s, probabilities, color=BLUE)
+    for found_s, color, label in ((0.0, BLUE, "followed since 0 s"), (78.0, VERMILLION, "found at 78 s")):
+        compass = CompassFaultFilter()
+        compass.begin(0.0)
+        times_s = np.arange(found_s, 120.0, 0.1)
+        probabilities = []
+        for time_s in times_s:
+            failed = 40.0 <= time_s < 50.0 or time_s >= 80.0
+            compass.update(np.pi if failed else 0.0, 0.1)
+            probabilities.append(1.0 / (1.0 + np.exp(-compass.log_odds)))
+        each.plot(times_s, probabilities, color=color, label=label)
     each.set(xlabel="time (s); grey: the compass is half a turn off", ylabel="probability", ylim=(-0.02, 1.02))
+    each.legend(loc="lower left")
     return figure
 
 
