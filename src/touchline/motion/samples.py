@@ -7,6 +7,7 @@ from bisect import bisect_left, bisect_right
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from touchline.geometry import FloatArray
 from touchline.types import MAX_VALUE, Samples
@@ -22,14 +23,14 @@ class SampleHistory:
     in `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
     """
 
-    # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much.
+    # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much. `arrays` is made of what
+    # is new when somebody asks for it.
 
     def __init__(self, columns: int, angles: tuple[int, ...] = ()) -> None:
         self.dropped = 0
         self._columns = columns
         self._angles = angles
-        self._stamps_ns: list[int] = []
-        self._rows: list[list[float]] = []
+        self.clear()
 
     def __len__(self) -> int:
         return len(self._stamps_ns)
@@ -84,10 +85,31 @@ class SampleHistory:
         """Forget what isn't needed to look up values from a stamp on."""
         old = max(bisect_right(self._stamps_ns, stamp_ns) - 1, 0)
         del self._stamps_ns[:old], self._rows[:old]
+        self._forgotten += old
 
     def clear(self) -> None:
         """Forget all samples."""
-        self._stamps_ns, self._rows = [], []
+        self._stamps_ns: list[int] = []
+        self._rows: list[list[float]] = []
+        self._forgotten = self._copied = self._begin = 0  # samples: forgotten, copied, and forgotten before the table
+        self._times, self._table = np.zeros(0, dtype=np.int64), np.zeros((0, self._columns))
+        self._slope: tuple[int, float, FloatArray] | None = None
+
+    @property
+    def arrays(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        """Stamps (N,) and values (N, columns), not to be changed."""
+        end = self._forgotten + len(self)
+        if end - self._begin > len(self._times):
+            self._begin = self._copied = self._forgotten
+            self._times = np.empty(2 * len(self) + 64, dtype=np.int64)
+            self._table = np.empty((len(self._times), self._columns))
+        if end > self._copied:
+            new = slice(max(self._copied, self._forgotten) - self._begin, end - self._begin)
+            self._times[new] = self._stamps_ns[new.start - new.stop :]
+            self._table[new] = self._rows[new.start - new.stop :]
+            self._copied = end
+        known = slice(self._forgotten - self._begin, end - self._begin)
+        return self._times[known], self._table[known]
 
     def at(self, stamp_ns: int) -> list[float]:
         """Values (columns,) by linear interpolation; before the first and after the last sample, that sample's."""
@@ -104,25 +126,24 @@ class SampleHistory:
         """Values of the samples from one stamp to another, both included; not to be changed."""
         return self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
 
-    def at_all(self, stamps_ns: FloatArray) -> FloatArray:
-        """Values (M, columns) at stamps (M,), as `at`."""
-        first = max(bisect_right(self._stamps_ns, stamps_ns.min()) - 1, 0)
-        end = bisect_left(self._stamps_ns, stamps_ns.max()) + 1
-        known, rows = np.array(self._stamps_ns[first:end], dtype=np.float64), np.array(self._rows[first:end])
-        return np.column_stack([np.interp(stamps_ns, known, column) for column in rows.T])
-
     def between(self, start_ns: int, end_ns: int) -> FloatArray:
-        """Values (M, columns) of the samples from one stamp to another, both included."""
-        return np.array(self.rows_within(start_ns, end_ns), dtype=np.float64).reshape(-1, self._columns)
+        """Values (M, columns) of the samples from one stamp to another, both included; not to be changed."""
+        return self.arrays[1][bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
 
     def slope(self, window_s: float) -> FloatArray:
         """Rate of change (columns,) per second over the newest `window_s`; zero with fewer than two samples there."""
         if len(self) < 2:
             return np.zeros(self._columns)
-        first = bisect_left(self._stamps_ns, self._stamps_ns[-1] - int(window_s * NANOSECONDS))
+        newest_ns = self._stamps_ns[-1]
+        if self._slope is None or self._slope[:2] != (newest_ns, window_s):
+            self._slope = newest_ns, window_s, self._slope_over(newest_ns - int(window_s * NANOSECONDS))
+        return self._slope[2]
+
+    def _slope_over(self, start_ns: int) -> FloatArray:
+        first = bisect_left(self._stamps_ns, start_ns)
         if len(self) - first < 2:
             return np.zeros(self._columns)
-        t = (np.array(self._stamps_ns[first:]) - self._stamps_ns[-1]) / NANOSECONDS
-        t = t - t.mean()
-        rows = np.array(self._rows[first:])
+        stamps_ns, rows = self.arrays
+        t = (stamps_ns[first:] - self._stamps_ns[-1]) / NANOSECONDS
+        t, rows = t - t.mean(), rows[first:]
         return np.asarray(t @ (rows - rows.mean(axis=0)) / (t @ t))

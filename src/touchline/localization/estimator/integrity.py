@@ -18,7 +18,14 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import MIN_EXPLAINED, Bank, Image
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
-from touchline.localization.estimator.motion_relation import LAGS_S, MIRRORED, STEP_S, Culprit, MotionRelation
+from touchline.localization.estimator.motion_relation import (
+    LAGS_S,
+    MIRRORED,
+    STATISTICS,
+    STEP_S,
+    Culprit,
+    MotionRelation,
+)
 from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.kernels import Plan
@@ -50,6 +57,7 @@ ALERT_M, ALERT_RAD = 1.0, 0.6  # bound from which a pose is of no use
 UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
+NOWHERE = Pose(0.0, 0.0, 0.0)
 
 
 class Verdict(NamedTuple):
@@ -132,7 +140,7 @@ class Integrity:
     def is_settled(self) -> bool:
         """Whether all has been well for some images: a pose to come back to."""
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
-        return seen and max(value for name, value in self.statistics.items() if name != CAMERA) < SETTLED
+        return seen and max(_but(self.statistics, CAMERA).values()) < SETTLED
 
     def report_camera(self) -> str | None:
         """That the errors which were learned are more than camera.yaml states; at first, and now and then. Once an
@@ -177,19 +185,18 @@ class Integrity:
         since the last image that showed something, the odometry is not checked by anything.
         """
         # by vision alone the motion's statistics tell of the odometry, which does not count
-        beside = (CAMERA,) if self.verdict.odometry else (CAMERA, *self.relation.statistics)
-        others = {name: value for name, value in self.statistics.items() if name not in beside}
-        images = {name: value for name, value in others.items() if name not in self.relation.statistics}
+        others = self.statistics if self.verdict.odometry else _but(self.statistics, *STATISTICS)
+        images = _but(self.statistics, CAMERA, *STATISTICS)
         if max(images.values(), default=0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
             name, value = max(images.items(), key=lambda each: each[1], default=("nothing", 0.0))
             self.unbounded = f"no bound can be given: {name} is {100.0 * value:.0f} % of an alarm"
             return None
-        worst = max(*others.values(), self.statistics.get(CAMERA, 0.0), 0.0 if self.verdict.odometry else VISION_ALONE)
+        worst = max((0.0 if self.verdict.odometry else VISION_ALONE, *others.values()))
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
         mean_m, deviation_m, turn = self.offsets.bound
-        unseen = history.between(min(self._seen_ns, stamp_ns), stamp_ns).pose
+        unseen = history.between(self._seen_ns, stamp_ns).pose if self._seen_ns < stamp_ns else NOWHERE
         unseen_m = math.hypot(unseen.x, unseen.y)
         position_m = math.hypot(wider * math.sqrt(major2), deviation_m) + max(mean_m, PROTECTION_M)
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
@@ -218,10 +225,10 @@ class Integrity:
         last = self.motion.last
         if last is not None and not last.begun:
             self._velocity = self._velocity_since(last, stamp_ns, history)
-        camera = Camera(
-            bank.knowing.errors, bank.knowing.error_covariance + bank.statistics.per_image, bank.trust.free_fit
-        )
         if last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S:
+            knowing = bank.knowing
+            spread = knowing.error_covariance + bank.statistics.per_image
+            camera = Camera(knowing.errors, spread, bank.trust.free_fit)
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
             self.relation.update(sighting, history, late_s, jump.elsewhere)
             if self.verdict.odometry:
@@ -323,7 +330,7 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         statistics = self.statistics = self._measured()
-        if max(value for name, value in statistics.items() if name != CAMERA) >= 1.0:
+        if max(_but(statistics, CAMERA).values()) >= 1.0:
             self._raise(statistics)
         elif self.verdict.reason and self.relation.agrees:
             self.verdict = ALL_WELL
@@ -347,3 +354,8 @@ class Integrity:
             return "the pose lies outside of the carpet"
         off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
         return f"{off}: clutter, another field, or camera.yaml"
+
+
+def _but(statistics: dict[str, float], *names: str) -> dict[str, float]:
+    """All of the statistics but these."""
+    return {name: value for name, value in statistics.items() if name not in names}

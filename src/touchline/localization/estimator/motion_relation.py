@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -32,6 +33,7 @@ SUFFIXES = (6, 12, WINDOW)  # newest steps over which an explanation is tried: a
 _STILL = 0.002  # largest step (m + rad) of an odometry that stands still
 MAX_LEFT = 1.0  # mean cost that a named explanation leaves
 LAGS_S = np.arange(-0.6, 0.601, 0.05)
+_LAGS_NS = 1e9 * LAGS_S
 NAMED_GAIN = 8.0  # from which an explanation is named
 REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
@@ -41,6 +43,7 @@ BACKWARDS = 10.0  # log-odds against images in which a camera that shows what li
 CONFIRMING = 3  # steps that confirm a pose
 WORTH = 15.0  # cost of a window in which there is anything to explain
 AGREEING = 10  # newest steps that must agree after an alarm
+STATISTICS = "motion", "motion of late", "explanation"  # names
 TELLING_M, TELLING_RAD = 0.3, 0.3  # way and turns from which steps that agree show that all is well
 
 
@@ -69,9 +72,10 @@ SIGNS = {
     (1, -1, -1): Explanation(Culprit.IMAGES, "images are mirrored: left and right are exchanged"),
     (-1, 1, -1): Explanation(Culprit.IMAGES, "images are mirrored: ahead and behind are exchanged"),
 }
-_MULTIPLIERS = np.array(list(SIGNS), dtype=np.float64)
+_MULTIPLIERS, _SUFFIXES = np.array(list(SIGNS), dtype=np.float64), np.array(SUFFIXES)
 SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, GYRO, FIRST_LAG = range(len(SIGNS), len(SIGNS) + 8)
 MIRRORED, BACK_TO_FRONT = (list(SIGNS).index(signs) for signs in ((1, -1, -1), (-1, 1, -1)))
+_FITTED = 5  # of these, from SCALE on, have a parameter
 _BY_IMAGES = np.array(
     [one.culprit is Culprit.IMAGES for one in SIGNS.values()] + [False, False, True, False, False, True]
 )
@@ -135,15 +139,16 @@ def _parameters(seen, told, count):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def saved(steps, signs, e, value, first):  # type: ignore[no-untyped-def]
     """By how much an explanation lowers the cost of the steps from the first on."""
-    total, step, lag = 0.0, np.zeros(3), e - signs.shape[0] - 7
+    total, column = 0.0, e if e < signs.shape[0] else e - _FITTED
+    if not signs.shape[0] <= e < signs.shape[0] + _FITTED:
+        for i in range(first, steps.seen.shape[0]):
+            total += steps.gains[i, column]
+        return total
+    step = np.zeros(3)
     for i in range(first, steps.seen.shape[0]):
-        if lag >= 0:
-            step[:] = steps.lagged[i, lag]
-        else:
-            step[:] = steps.told[i]
-            _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
-        if step[0] == step[0] and step[2] == step[2]:
-            total += steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
+        step[:] = steps.told[i]
+        _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
+        total += steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
     return total
 
 
@@ -152,7 +157,7 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
     """(E,) by how much each explanation lowers the cost of the newest steps, most of all suffixes; its parameter (E,);
     and the mean cost that it leaves (E,). steps: `_Steps`.
     """
-    count, others = steps.seen.shape[0], 7 + steps.lagged.shape[1]
+    count, others = steps.seen.shape[0], steps.gains.shape[1] + _FITTED - signs.shape[0]
     gains = np.full(signs.shape[0] + others, -1e9)
     values, left = np.zeros(len(gains)), np.zeros(len(gains))
     for s in range(suffixes.shape[0]):
@@ -171,15 +176,17 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
 
 class _Steps(NamedTuple):
     """N steps, robot frame before each: seen, told (N, 3); inverse covariances (N, 3, 3) of their differences; turns by
-    the gyro (N,), NaN where it tells none; lagged (N, L, 3): told of other times, NaN where not known yet; costs (N,).
+    the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without a fitted
+    parameter saves, 0 where that is not known; lags_known (N,): whether it is, of lags.
     """
 
     seen: FloatArray
     told: FloatArray
     weights: FloatArray
     gyro: FloatArray
-    lagged: FloatArray
     costs: FloatArray
+    gains: FloatArray
+    lags_known: npt.NDArray[np.bool_]
 
 
 @njit(cache=True, error_model="numpy")
@@ -206,14 +213,62 @@ def _compared(last, last_covariance, pose, covariance, told):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
-def _push(steps, seen, told, weights, gyro, cost):  # type: ignore[no-untyped-def]
-    """Add a step behind all others, in place; the first is forgotten."""
+def _push(steps, signs, ends, told, delayed, gyro):  # type: ignore[no-untyped-def]
+    """Add a step behind all others, in place; the first is forgotten. ends: poses (3,) and covariances (3, 3) by the
+    images at its ends; delayed (3,): told if images are as late as is corrected. Its costs as told and as delayed.
+    """
     for i in range(steps.costs.shape[0] - 1):
         steps.seen[i], steps.told[i], steps.weights[i] = steps.seen[i + 1], steps.told[i + 1], steps.weights[i + 1]
-        steps.gyro[i], steps.lagged[i], steps.costs[i] = steps.gyro[i + 1], steps.lagged[i + 1], steps.costs[i + 1]
-    steps.seen[-1], steps.told[-1], steps.weights[-1] = seen, told, weights
-    steps.gyro[-1], steps.costs[-1] = gyro, cost
-    steps.lagged[-1] = np.nan
+        steps.gyro[i], steps.gains[i], steps.costs[i] = steps.gyro[i + 1], steps.gains[i + 1], steps.costs[i + 1]
+        steps.lags_known[i] = steps.lags_known[i + 1]
+    seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], told)
+    last = steps.costs.shape[0] - 1
+    steps.seen[last], steps.told[last], steps.weights[last], steps.gyro[last] = seen, told, weights, gyro
+    raw, late = _cost(steps.seen, told, steps.weights, last), _cost(steps.seen, delayed, steps.weights, last)
+    steps.costs[last], steps.gains[last], steps.lags_known[last] = min(raw, late), 0.0, False
+    step, count = np.empty(3), signs.shape[0]
+    for e in range(count + 2):
+        step[:] = told
+        _change(step, seen, gyro, signs, e if e < count else e + _FITTED, 0.0)
+        if step[0] == step[0] and step[2] == step[2]:
+            steps.gains[last, e] = steps.costs[last] - _cost(steps.seen, step, steps.weights, last)
+    return raw, late
+
+
+@njit(cache=True, error_model="numpy")
+def _interpolated(at, stamps, rows, out):  # type: ignore[no-untyped-def]
+    """Values of samples (N, 3) at a time within their stamps (N,), into out (3,)."""
+    low, high = 0, len(stamps) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if stamps[middle] <= at:
+            low = middle
+        else:
+            high = middle
+    if stamps[high] <= at:
+        low = high
+    for k in range(3):
+        out[k] = rows[low, k]
+        if low < high:
+            slope = (rows[high, k] - rows[low, k]) / (float(stamps[high]) - float(stamps[low]))
+            out[k] = slope * (at - stamps[low]) + rows[low, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_lags(steps, i, span_ns, lags_ns, stamps, rows):  # type: ignore[no-untyped-def]
+    """What each lag saves of step i by odometry's samples: stamps (N,), rows (N, 3); 0 where they don't reach so far."""
+    first, step, begin, end = steps.gains.shape[1] - len(lags_ns), np.empty(3), np.empty(3), np.empty(3)
+    steps.lags_known[i] = True
+    for k in range(len(lags_ns)):
+        begin_ns, end_ns = span_ns[0] - lags_ns[k], span_ns[1] - lags_ns[k]
+        if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
+            continue
+        _interpolated(begin_ns, stamps, rows, begin)
+        _interpolated(end_ns, stamps, rows, end)
+        cosine, sine = math.cos(begin[2]), math.sin(begin[2])
+        x, y = end[0] - begin[0], end[1] - begin[1]
+        step[0], step[1], step[2] = cosine * x + sine * y, cosine * y - sine * x, end[2] - begin[2]
+        steps.gains[i, first + k] = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
 
 
 class MotionRelation:
@@ -232,9 +287,9 @@ class MotionRelation:
         self._pending: list[tuple[Sighting, Sighting]] = []
         self._every = _Steps(
             np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3, 3)), np.zeros(WINDOW),
-            np.full((WINDOW, len(LAGS_S), 3), np.nan), np.zeros(WINDOW),
+            np.zeros(WINDOW), np.zeros((WINDOW, len(SIGNS) + 2 + len(LAGS_S))), np.zeros(WINDOW, dtype=np.bool_),
         )  # fmt: skip
-        self.sum = 0.0
+        self.sum = self.mean = 0.0
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
         self._delay_loss = 0.0  # of late, by a delay that is corrected
         self._alarmed: tuple[int, float] | None = None  # explanation and parameter
@@ -244,11 +299,6 @@ class MotionRelation:
         """Those that are known."""
         first = WINDOW - len(self._spans_ns)
         return self._every if first == 0 else _Steps(*(each[first:] for each in self._every))
-
-    @property
-    def mean(self) -> float:
-        """Of the window."""
-        return float(self._every.costs.sum()) / max(len(self._spans_ns), WINDOW // 2)
 
     @property
     def agrees(self) -> bool:
@@ -264,11 +314,8 @@ class MotionRelation:
     @property
     def statistics(self) -> dict[str, float]:
         """Of the alarm's three criteria, as a share of their thresholds."""
-        return {
-            "motion": self.mean / MAX_MEAN,
-            "motion of late": self.sum / MAX_SUM,
-            "explanation": max(self.gain, 0.0) / MAX_GAIN,
-        }
+        shares = self.mean / MAX_MEAN, self.sum / MAX_SUM, max(self.gain, 0.0) / MAX_GAIN
+        return dict(zip(STATISTICS, shares, strict=True))
 
     @property
     def _is_telling(self) -> bool:
@@ -315,15 +362,14 @@ class MotionRelation:
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float) -> None:
         span_ns = (last.stamp_ns, sighting.stamp_ns)
         told, gyro = _told(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
-        seen, weights = _compared(last.pose, last.covariance, sighting.pose, sighting.covariance, told)
-        cost = raw = _cost(seen[None], told, weights[None], 0)
+        delayed = _told(history, *span_ns, late_s) if late_s else told
+        ends = (last.pose, last.covariance, sighting.pose, sighting.covariance)
+        raw, late = _push(self._every, _MULTIPLIERS, ends, told, delayed, gyro)
+        cost = min(raw, late)
         if late_s:
-            delayed = _cost(seen[None], _told(history, *span_ns, late_s), weights[None], 0)
-            cost = min(raw, delayed)
-            self._delay_loss = max(self._delay_loss + delayed - raw, 0.0)
+            self._delay_loss = max(self._delay_loss + late - raw, 0.0)
         self._unbroken += 1
         self._since_alarm += 1
-        _push(self._every, seen, told, weights, gyro, cost)
         kept = slice(-WINDOW + 1, None)
         self._spans_ns = [*self._spans_ns[kept], span_ns]
         seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
@@ -332,20 +378,24 @@ class MotionRelation:
 
     def _fill_lags(self) -> None:
         """The odometry's steps at other times, of the steps that are old enough to know all of them."""
-        steps = self._steps
-        for i in np.flatnonzero(np.isnan(steps.lagged[:, 0, 0])).tolist():
+        first = WINDOW - len(self._spans_ns)
+        for i in np.flatnonzero(~self._every.lags_known[first:]).tolist():
             begin_ns, end_ns = self._spans_ns[i]
-            if self._spans_ns[-1][1] - end_ns >= 1e9 * LAGS_S[-1]:
-                steps.lagged[i] = _lagged(self._history, begin_ns, end_ns)
+            if self._spans_ns[-1][1] - end_ns < 1e9 * LAGS_S[-1]:
+                break
+            samples = self._history.odometry.samples.arrays
+            _fill_lags(self._every, first + i, (float(begin_ns), float(end_ns)), _LAGS_NS, *samples)
 
     def _explain(self, history: MotionHistory) -> None:
         """Try every explanation, if there is anything to explain."""
         self.gain = 0.0
         self._history = history
-        if self._every.costs.sum() < WORTH:
+        total = float(self._every.costs.sum())
+        self.mean = total / max(len(self._spans_ns), WINDOW // 2)
+        if total < WORTH:
             return
         self._fill_lags()
-        gains, values, left = gains_of(self._steps, _MULTIPLIERS, np.array(SUFFIXES))
+        gains, values, left = gains_of(self._steps, _MULTIPLIERS, _SUFFIXES)
         gains[: len(SIGNS)] -= FREEDOM - 1.0
         gains[len(SIGNS) :] -= FREEDOM
         gains[FIRST_LAG:] -= 1.0
@@ -477,20 +527,6 @@ def _told(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -> 
     begin, end = Pose(*samples.at(start_ns - late_ns)), Pose(*samples.at(end_ns - late_ns))
     step = begin.inverse().compose(end)
     return np.array([step.x, step.y, wrap_angle(step.heading)])
-
-
-def _lagged(history: MotionHistory, start_ns: float, end_ns: float) -> FloatArray:
-    """(L, 3) the odometry's steps LAGS_S earlier; NaN where it does not reach so far."""
-    samples = history.odometry.samples
-    begins_ns, ends_ns = start_ns - 1e9 * LAGS_S, end_ns - 1e9 * LAGS_S
-    if not len(samples):
-        return np.full((len(LAGS_S), 3), np.nan)
-    begin, end = np.split(samples.at_all(np.concatenate((begins_ns, ends_ns))), 2)
-    cosine, sine = np.cos(begin[:, 2]), np.sin(begin[:, 2])
-    x, y, turn = (end - begin).T
-    steps: FloatArray = np.column_stack((cosine * x + sine * y, cosine * y - sine * x, turn))
-    steps[(begins_ns < samples.first_ns) | (ends_ns > samples.last_ns)] = np.nan
-    return steps
 
 
 def _gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
