@@ -300,10 +300,10 @@ class Touchline:
             end.take_prior(where.log_odds(best.filter.pose))
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(compass_error(best.filter.pose, compass_rad), seconds)
-        if end.colours_tell:
-            end.update_from_colours(
-                self._view(observation, best.filter.errors, self.errors.response(frame)), best.filter.pose
-            )
+        if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends
+            coloured = Observation(observation.stamp_ns, landmarks=observation.landmarks)
+            view = self._view(coloured, best.filter.errors, self.errors.response(frame))
+            end.update_from_colours(view, best.filter.pose)
         end.update_from_team(frame.evidence, best.filter.pose, seconds)
         self.problems += self.end_judge.refute(self.bank)
 

@@ -256,7 +256,7 @@ def _interpolated(at, stamps, rows, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _fill_lags(steps, i, span_ns, lags_ns, stamps, rows):  # type: ignore[no-untyped-def]
-    """What each lag saves of step i by odometry's samples: stamps (N,), rows (N, 3); 0 where they don't reach so far."""
+    """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach."""
     first, step, begin, end = steps.gains.shape[1] - len(lags_ns), np.empty(3), np.empty(3), np.empty(3)
     steps.lags_known[i] = True
     for k in range(len(lags_ns)):

@@ -103,8 +103,9 @@ def _along(
             _write(plane, found, rows[hits])
             hits += 1
         misses += shown == NO_LINE
-    if hits < _MIN_POINTS or hits < misses or hits < 0.4 * steps:
-        return False, hits, misses
+        most = hits + steps - 1 - k
+        if most < _MIN_POINTS or most < misses or most < 0.4 * steps:  # as nearly all candidates, that are none
+            return False, hits, misses
     use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
     return len(use) >= max(_MIN_POINTS, 0.6 * hits), hits, misses
 
