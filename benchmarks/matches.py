@@ -1,28 +1,33 @@
 """Whole matches with a referee, in which a humanoid is penalised, picked up, falls and changes its half.
 
-python benchmarks/matches.py [--seeds 5]        # forty matches a seed, a minute or more of processor time each
+    python benchmarks/matches.py [--matches 200] [--first 6000] [--journal FILE]
+
+A match takes a minute or more of processor time. With a journal each one is written as it ends, and what the file holds
+is not played again.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import BoolArray, Drive, estimates_of, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, wilson
+from touchline.experiments.harness import NONE, Kept, Row, progress_to, resumed, wilson
 from touchline.simulation.robot.match import ACCIDENT, FALL, HALF_TIME, PENALTY, PICKED_UP
 from touchline.types import Estimate, Prior
 
 OWN, FIELD = "touchline", "hsl-s-9x6"
 HALF_S, EVERY_S = 600.0, 30.0
-MATCHES = 40  # a seed: 200 of five
-FIRST = 3000  # number of the first match; no constant was chosen on any from there on
+FIRST = 6000  # number of the first match; no constant was chosen on any from there on
+SOON_S = 2.0  # of vision within which a robot back from a penalty has to be tracked
 RETURNS = (PENALTY, PICKED_UP, ACCIDENT, FALL, HALF_TIME)
 START = (-2.5, 1.0, 0.0)  # in the own half, which is all that the robot is told
 
@@ -41,13 +46,21 @@ class Return(NamedTuple):
 
 class Match(NamedTuple):
     """Its returns; frames: all, tracked, and of these wrong: more than 0.5 m or 0.5 rad off; a pose whose twin is named
-    counts, too.
+    counts, too. wrong_s: from when to when, span by span.
     """
 
+    number: int
     returns: tuple[Return, ...]
     frames: int
     tracked: int
     wrong: int
+    wrong_s: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, row: Sequence[Any]) -> Match:
+        """From a journal's row."""
+        number, returns, *rest = row
+        return cls(number, tuple(Return(*one) for one in returns), *rest)
 
 
 def match(number: int, half_s: float = HALF_S, every_s: float = EVERY_S) -> Drive:
@@ -78,7 +91,9 @@ def played(number: int, half_s: float = HALF_S, every_s: float = EVERY_S) -> Mat
         after = np.flatnonzero((track.times_s >= float(event["until_s"])) & (track.times_s < end_s))
         if len(after):
             returns.append(_return(str(event["kind"]), [estimates[k] for k in after], ~track.wrong[after], period_s))
-    return Match(tuple(returns), len(estimates), int(track.tracking.sum()), int(track.wrong.sum()))
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], track.wrong.astype(np.int8), [0])))).reshape(-1, 2)
+    spans = tuple((float(track.times_s[a]), float(track.times_s[b - 1])) for a, b in edges)
+    return Match(number, tuple(returns), len(estimates), int(track.tracking.sum()), int(track.wrong.sum()), spans)
 
 
 def _return(kind: str, estimates: Sequence[Estimate], right: BoolArray, period_s: float) -> Return:
@@ -90,23 +105,9 @@ def _return(kind: str, estimates: Sequence[Estimate], right: BoolArray, period_s
     return Return(kind, first * period_s, seen * period_s, bool(right[first]), False)
 
 
-def matches(seeds: int) -> ExperimentResult:
-    """Forty matches a seed."""
-    found = list(computed(played, range(FIRST, FIRST + MATCHES * seeds), "matches"))
-    every = [one for each in found for one in each.returns]
-    tracked, wrong = sum(one.tracked for one in found), sum(one.wrong for one in found)
-    return ExperimentResult(
-        f"{len(found)} matches of two halves of {HALF_S / 60.0:g} minutes with a referee",
-        COLUMNS,
-        [_cells(kind, [one for one in every if one.kind == kind]) for kind in RETURNS] + [_cells("all", every)],
-        Headline("right after a return; wrong of tracked images", NONE, f"{_ratio(every)}; {wrong} of {tracked}"),
-        _NOTES,
-    )
-
-
 COLUMNS = (
     "back from", "returns", "right when tracked (%, 95 %)", "undecided and named", "tracked after: median (s)",
-    "95 % (s)", "of that seeing anything: median (s)", "95 % (s)",
+    "95 % (s)", "of that seeing anything: median (s)", "95 % (s)", f"within {SOON_S:g} s (%)",
 )  # fmt: skip
 _NOTES = (
     f"A humanoid as built walks on {FIELD} at the observation level, looks 2 s at the field and 2 s away by turns, and "
@@ -135,15 +136,42 @@ def _cells(kind: str, returns: Sequence[Return]) -> Row:
              ([one.waited_s for one in returns], [one.seen_s for one in returns])]  # fmt: skip
     cells = [f"{np.quantile(each, share):.1f}" if each else NONE for each in times for share in (0.5, 0.95)]
     named = sum(one.named for one in undecided)
-    return (kind, f"{len(returns)}", _ratio(returns), f"{named} of {len(undecided)}", *cells)
+    soon = f"{100.0 * np.mean([one.seen_s <= SOON_S for one in returns]):.1f}" if returns else NONE
+    return (kind, f"{len(returns)}", _ratio(returns), f"{named} of {len(undecided)}", *cells, soon)
+
+
+def report(found: Sequence[Match]) -> str:
+    """Table, notes, and every match with wrong frames or a return that went wrong."""
+    every = [one for each in found for one in each.returns]
+    frames, tracked, wrong = (sum(column) for column in zip(*(one[2:5] for one in found), strict=True))
+    rows = [COLUMNS, *(_cells(kind, [one for one in every if one.kind == kind]) for kind in RETURNS),
+            _cells("all", every)]  # fmt: skip
+    low, high = (1e3 * bound for bound in wilson(wrong, tracked))
+    lines = [f"{len(found)} matches of two halves of {HALF_S / 60.0:g} minutes with a referee"]
+    lines += [" | ".join(row) for row in rows]
+    lines.append(
+        f"{wrong} of {tracked} tracked images wrong, {1e3 * wrong / tracked:.2f} [{low:.2f}, {high:.2f}] in 1000; "
+        f"tracked {100.0 * tracked / frames:.1f} % of {frames}"
+    )
+    for one in found:
+        failed = [each for each in one.returns if not each.right]
+        spans = ", ".join(f"{a:.1f}-{b:.1f} s" for a, b in one.wrong_s)
+        if one.wrong or failed:
+            lines.append(f"match {one.number}: {one.wrong} wrong ({spans}); {failed}")
+    return "\n".join((*lines, *_NOTES))
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=1)
-    found = matches(parser.parse_args().seeds)
-    print(found.title, *(" | ".join(row) for row in (found.columns, *found.rows)), *found.notes, sep="\n")
+    parser.add_argument("--matches", type=int, default=40)
+    parser.add_argument("--first", type=int, default=FIRST)
+    parser.add_argument("--journal", type=Path, help="a file of results; it is begun, or gone on with")
+    given = parser.parse_args()
+    kept = None if given.journal is None else Kept(given.journal)
+    with progress_to(lambda line: print(line, file=sys.stderr), kept=kept):
+        rows = resumed(played, range(given.first, given.first + given.matches), "matches")
+    print(report([Match.of(row) for row in rows]))
 
 
 if __name__ == "__main__":

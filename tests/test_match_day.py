@@ -176,6 +176,32 @@ def test_a_pose_and_its_twin_are_one_hypothesis_after_a_penalty() -> None:
     assert not any(one.mirrored().distance_to(other) < 0.3 for one in poses for other in poses)
 
 
+@pytest.mark.parametrize(("x", "sure"), [(0.1, True), (-3.0, True), (3.0, False)])
+def test_a_ready_on_the_middle_line_leaves_the_end_of_who_is_tracked(x: float, sure: bool) -> None:
+    """It may have walked on before it was told; three metres in the other half something is wrong."""
+    place = Pose(x, 1.0, 0.4)
+    system = started(place)
+    system.reset(Prior(own_half=True, kept=1.0))
+    last = stands(system, place, range(4, 10))[-1]
+    assert (last.status is Status.TRACKING) is sure
+    assert ((last.end_probability or 0.0) > 0.95) is sure
+
+
+def test_the_own_half_is_that_of_when_it_was_told() -> None:
+    """First seen after it has crossed the middle line, through images too sparse to be found by until then."""
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
+    system.reset(Prior(own_half=True))
+    for k in range(40):
+        place = Pose(-2.5 + 0.1 * k, 1.0, 0.0)
+        odometry = Samples(np.array([100_000_000 * k]), np.array([[0.1 * k, 0.0, 0.0]]))
+        shown = frame(k, seen(place, k, reach_m=5.0 if k >= 30 else 0.1))
+        estimate = system.step(replace(shown, odometry=odometry))
+        if estimate.probability is not None:
+            assert errors(estimate, place)[0] < 0.1
+    assert estimate.status is Status.TRACKING
+    assert (estimate.end_probability or 0.0) > 0.95
+
+
 def test_where_the_end_stays_open_no_pose_is_tracked() -> None:
     system = started(Pose(2.0, 1.0, 0.4))
     system.reset(Prior(kept=0.001))  # carried, nobody knows whereto

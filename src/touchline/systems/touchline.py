@@ -238,6 +238,7 @@ class Touchline:
         moved = self.safeguard.motion(self.history, (self.before_ns, frame.stamp_ns), self._estimated_delay_s)
         self.bank.predict(moved, seconds)
         self.safeguard.carry(moved, seconds)
+        self.end_judge.predict(moved)
         self.relocation.predict(moved, seconds, self.bank)
         self.followed = self.bank.best
         self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()

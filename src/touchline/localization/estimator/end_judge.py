@@ -7,10 +7,11 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.bank import Bank, Member, could_be_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
-from touchline.localization.estimator.field_end import FieldEnd
+from touchline.localization.estimator.field_end import FieldEnd, OwnHalf
 from touchline.localization.estimator.watch import Ends
 from touchline.localization.search.pose_search import Known, contradiction
 from touchline.motion import MotionHistory
+from touchline.motion.delayed import Delayed
 from touchline.types import Frame, Prior
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
@@ -30,7 +31,7 @@ class EndJudge:
 
     def reset(self, prior: Prior) -> None:
         """Know the prior alone."""
-        self._own_half, self._tracked_s = prior.own_half, 0.0
+        self._half, self._tracked_s = OwnHalf() if prior.own_half else None, 0.0
         self.zone: Known | None = None
         if prior.pose is not None and prior.covariance is not None and np.diag(prior.covariance).max() > ZONE**2:
             self.zone = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance))
@@ -39,12 +40,17 @@ class EndJudge:
 
     def forget_start(self) -> None:
         """The robot was moved since."""
-        self.zone, self._own_half = None, False
+        self.zone = self._half = None
 
     @property
     def ends(self) -> Ends:
         """What a search knows of them."""
-        return Ends(self.end.symmetric, self._own_half)
+        return Ends(self.end.symmetric, self._half)
+
+    def predict(self, moved: Delayed) -> None:
+        """Propagate by the odometry."""
+        if self._half is not None:
+            self._half.predict(moved.motion.pose)
 
     def take(self, frame: Frame) -> None:
         """Take the compass readings of a frame."""
@@ -72,11 +78,12 @@ class EndJudge:
 
     def _begin(self, bank: Bank, best: Member, found: bool, compass_rad: float | None) -> None:
         """A pose was found anew, or elsewhere. The half that was given holds until a pose was tracked for long."""
-        half = self._own_half and self._tracked_s < GIVEN_S
-        known = half or (found and self._is_in_zone(best.filter.pose))
-        if half and self.end.symmetric and best.filter.pose.x > 0.0:
+        half = self._half
+        if half is not None and self.end.symmetric and half.log_odds(best.filter.pose) < 0.0:
             self.swap_ends(bank)
-        self.end.begin(known, compass_error(best.filter.pose, compass_rad))
+        self.end.begin(found and self._is_in_zone(best.filter.pose), compass_error(best.filter.pose, compass_rad))
+        if half is not None:
+            self.end.prior_log_odds = half.log_odds(best.filter.pose)
         self.zone = None
         if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
             self.swap_ends(bank)
@@ -97,6 +104,8 @@ class EndJudge:
     def tracked(self, seconds: float) -> tuple[str, ...]:
         """A pose is tracked, for so long since the last image; the problem to report."""
         self._tracked_s += seconds
+        if self._tracked_s >= GIVEN_S:
+            self._half = None
         return self.end.report_undecided(seconds)
 
     def _is_in_zone(self, pose: Pose) -> bool:

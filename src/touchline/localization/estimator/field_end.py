@@ -20,6 +20,7 @@ from touchline.types import Evidence
 # log-odds of an end that the operator gave: one start in 150 is given wrongly. A smaller prior costs where nothing else
 # distinguishes the ends, a larger one where it is wrong: colours and compass need an image or a second more against it
 PRIOR_LOG_ODDS = 5.0
+MIDDLE_M = 0.5  # within it of the middle line the half says less: a pose has errors, and the referee is late
 MAX_COLOUR_GAIN = 4.0  # of one image: what is taken for a post may be somebody in its colour
 MAX_COLOUR_LOG_ODDS = 12.0  # so that a belief of minutes is given up within four images against it
 MEMORY_S = 2.0  # time over which others have to repeat their evidence, so that a moment's fault counts little
@@ -32,6 +33,22 @@ REFUTED = -2.0  # log-odds from which the twin is taken
 CLEAR = 3.0  # log-odds, without the prior, from which the end is confirmed
 JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
 UNDECIDED_S = 10.0  # after which it is reported, and reported again, that nothing distinguishes the ends
+
+
+class OwnHalf:
+    """That the robot was in its own half at some time; whoever has crossed the middle line since was in it, too."""
+
+    def __init__(self) -> None:
+        self._moved = Pose(0.0, 0.0, 0.0)
+
+    def predict(self, moved: Pose) -> None:
+        """Move by the odometry, robot frame before it."""
+        self._moved = self._moved.compose(moved)
+
+    def log_odds(self, pose: Pose) -> float:
+        """Of a pose now, against its twin."""
+        x = pose.compose(self._moved.inverse()).x
+        return PRIOR_LOG_ODDS * min(max(-x / MIDDLE_M, -1.0), 1.0)
 
 
 class EndMemory(NamedTuple):
@@ -85,7 +102,7 @@ class FieldEnd:
 
     def add_half(self, pose: Pose, own_half: bool) -> None:
         """A robot that is tracked stays where it is, in its own half where that is likelier."""
-        half = math.copysign(PRIOR_LOG_ODDS, -pose.x) if own_half else 0.0
+        half = OwnHalf().log_odds(pose) if own_half else 0.0
         self.take_prior(min(max(self.prior_log_odds + half, -PRIOR_LOG_ODDS), PRIOR_LOG_ODDS))
 
     @property

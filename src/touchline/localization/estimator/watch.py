@@ -9,6 +9,7 @@ from typing import NamedTuple
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import Bank, Image
+from touchline.localization.estimator.field_end import OwnHalf
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.seen import POINT_SHARE, evenly_counted
 from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
@@ -20,10 +21,10 @@ NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
 
 
 class Ends(NamedTuple):
-    """What is known of the ends of the field: whether it is symmetric, and whether the robot is in its own half."""
+    """What is known of the ends of the field: whether it is symmetric, and whether the robot was in its own half."""
 
     symmetric: bool
-    own_half: bool
+    own_half: OwnHalf | None
 
 
 class FieldWatch:
@@ -72,10 +73,19 @@ class FieldWatch:
             min_likely = best.fit.log_likelihood / POINT_SHARE - HOPELESS
             modes = tuple(mode for mode in modes if mode.log_likelihood > min_likely)
         if not ends.symmetric:
-            return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or not ends.own_half)
-        if ends.own_half and best is None:
-            modes = tuple(mode if mode.pose.x <= 0.0 else mode.mirrored() for mode in modes)
-        return at_one_end(modes, [one.filter.pose for one in bank.members], aligned=not known)
+            return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or ends.own_half is None)
+        followed, half = [one.filter.pose for one in bank.members], ends.own_half
+        if half is not None:
+            modes = tuple(
+                mode if half.log_odds(mode.pose) >= 0.0 or _is_near(mode, followed) else mode.mirrored()
+                for mode in modes
+            )
+        return at_one_end(modes, followed, aligned=not known and half is None)
+
+
+def _is_near(mode: Mode, poses: Sequence[Pose]) -> int:
+    """How many poses it is near to."""
+    return sum(mode.pose.is_near(pose, NEAR_M, NEAR_RAD) for pose in poses)
 
 
 def at_one_end(modes: Sequence[Mode], followed: Sequence[Pose], aligned: bool) -> tuple[Mode, ...]:
@@ -83,7 +93,7 @@ def at_one_end(modes: Sequence[Mode], followed: Sequence[Pose], aligned: bool) -
     aligned: nothing distinguishes them, and the heading of the likeliest decides.
     """
     kept: list[Mode] = []
-    for mode in sorted(modes, key=lambda one: -sum(one.pose.is_near(pose, NEAR_M, NEAR_RAD) for pose in followed)):
+    for mode in sorted(modes, key=lambda one: -_is_near(one, followed)):
         ends = mode.pose, mode.pose.mirrored()
         if any(end.is_near(one.pose, NEAR_M, NEAR_RAD) for one in kept for end in ends):
             continue

@@ -15,7 +15,7 @@ import numpy as np
 
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.bank import Bank, Member, is_same
-from touchline.localization.estimator.field_end import PRIOR_LOG_ODDS
+from touchline.localization.estimator.field_end import PRIOR_LOG_ODDS, OwnHalf
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.search.pose_search import Mode
@@ -57,10 +57,10 @@ class Whereabouts:
     """The mixture. `settled`: so many images in a row have been explained by one pose, at a known end."""
 
     def __init__(self, parts: Sequence[Part], rest: float, own_half: bool, area_m2: float) -> None:
-        """rest: probability of standing elsewhere, on so many m². own_half: whether all of it is likelier at x < 0."""
+        """rest: probability of standing elsewhere, on so many m². own_half: whether all of it was likelier at x < 0."""
         self.parts = sorted(parts, key=lambda part: -part.weight)[:MAX_PARTS]
         self._rest = math.log(max(rest, MIN_REST) / (2.0 * math.pi * area_m2))
-        self._own_half = own_half
+        self._half = OwnHalf() if own_half else None
         self._settling = 0
         self._followed: Member | None = None
 
@@ -73,6 +73,8 @@ class Whereabouts:
         """Propagate by the odometry."""
         for part in self.parts:
             part.filter.predict(moved, seconds, noise)
+        if self._half is not None:
+            self._half.predict(moved.motion.pose)
 
     def loosen(self, covariance: FloatArray) -> None:
         """The robot has moved, unfelt, by this covariance (3, 3)."""
@@ -80,8 +82,8 @@ class Whereabouts:
 
     def log_density(self, pose: Pose) -> float:
         """Logarithm of the probability of standing there, per m² and rad."""
-        half = PRIOR_LOG_ODDS if self._own_half and pose.x > 0.0 else 0.0
-        return float(np.logaddexp.reduce([self._rest, *(part.log_density(pose) for part in self.parts)])) - half
+        half = 0.0 if self._half is None else 0.5 * self._half.log_odds(pose)
+        return float(np.logaddexp.reduce([self._rest, *(part.log_density(pose) for part in self.parts)])) + half
 
     def log_odds(self, pose: Pose) -> float:
         """Of a pose, against its twin; no more than that of an end that an operator gave."""
