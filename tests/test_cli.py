@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import re
@@ -87,6 +88,35 @@ def test_help_names_every_command(arguments: list[str], capsys: pytest.CaptureFi
     out, _ = told(capsys)
     for command in ("demo", "run", "locate", "evaluate", "check", "view", "systems", "fields"):
         assert f" {command} " in out
+
+
+@pytest.mark.parametrize(("ending", "size"), [("nbi", 10), ("nbc", 0), ("nbc", 700)])
+def test_a_compiled_loop_whose_file_was_cut_off_is_told(
+    recording: Path, ending: str, size: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = Path("loop.py")
+    source.write_text("from numba import njit\n@njit(cache=True)\ndef loop(x):\n    return x + 1\n")
+
+    def loop() -> Any:
+        spec = importlib.util.spec_from_file_location("loop", source)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.loop
+
+    class Looping(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            assert loop()(1) == 2
+            return super().step(frame)
+
+    monkeypatch.setitem(SYSTEMS, "fake", SystemInfo("fake", "", FakeSettings, lambda setup, s, rng: Looping(rng, 0.0)))
+    assert main(["run", str(recording), "--system", "fake", "--output", "whole"]) == 0
+    (kept,) = Path("__pycache__").glob(f"*.{ending}")
+    kept.write_bytes(kept.read_bytes()[:size])
+    told(capsys)
+    assert main(["run", str(recording), "--system", "fake", "--output", "cut"]) == 1
+    assert "delete the files *.nbi and *.nbc" in told(capsys)[1]
 
 
 def test_run_writes_the_four_files_and_prints_the_table(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:

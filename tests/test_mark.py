@@ -138,6 +138,10 @@ def test_who_does_not_know_the_address_gets_nothing(served: Served) -> None:
         assert served.ask(path)[0] == 404
     assert served.ask(start, Host="evil.example")[0] == 404
     assert served.ask(start + "save", "POST", b"", **{"Content-Length": "99999999"})[0] == 404
+    for length in ("0" * 12, "0" * 5000, "-1", "1e3", "\u00b2"):
+        assert served.ask(start + "save", "POST", b"", **{"Content-Length": length})[0] == 404
+    for origin in ("http://evil.example", "null", "http://127.0.0.1.evil.example", "http://localhost@evil.example"):
+        assert served.ask(start + "save", "POST", sent(), Origin=origin)[0] == 404
     assert served.ask(start, "POST", sent())[0] == 404
     assert served.got == []
 

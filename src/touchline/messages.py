@@ -22,6 +22,13 @@ def shown(value: object) -> str:
     return _REPR.repr(value)
 
 
+def unexpected(error: BaseException) -> str:
+    """An error that no code expects; of a compiled loop's file that was cut off, with what helps."""
+    cut = type(error).__name__ in ("UnpicklingError", "EOFError")
+    advice = "; if of a compiled loop, delete the files *.nbi and *.nbc beside the package" if cut else ""
+    return f"{type(error).__name__}: {error}{advice}"
+
+
 def listed(words: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -62,10 +62,9 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
             raise
         if interrupted():  # a library made something else of it
             return _complain("interrupted", INTERRUPTED)
-        message = f"{type(error).__name__}: {error}"
-        if type(error).__name__ in ("UnpicklingError", "EOFError"):  # of an index that was cut off
-            message += "; if of a compiled loop, delete the files *.nbi and *.nbc beside the package"
-        return _complain(f"unexpected {message} (touchline --debug {' '.join(given)} shows the traceback)", 1)
+        from touchline.messages import unexpected
+
+        return _complain(f"unexpected {unexpected(error)} (touchline --debug {' '.join(given)} shows the traceback)", 1)
     if status == INTERRUPTED:  # Typer's word for a Ctrl-C
         return _complain("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else 0

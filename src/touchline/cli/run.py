@@ -33,7 +33,7 @@ from touchline.cli.options import (
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
-from touchline.messages import counted
+from touchline.messages import counted, unexpected
 
 if TYPE_CHECKING:
     from touchline.api import PreparedRun
@@ -206,7 +206,7 @@ def execute(
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
             raise failure
         raise TouchlineError(
-            f"the run failed after {counted(finished.summary['frames'], 'frame')}: {type(failure).__name__}: {failure} "
+            f"the run failed after {counted(finished.summary['frames'], 'frame')}: {unexpected(failure)} "
             "(touchline --debug run … shows the traceback)"
         ) from failure
     frames = finished.summary["frames"]

@@ -18,6 +18,7 @@ from touchline.evaluation.run_folder import new_folder
 from touchline.evaluation.workers import Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
+from touchline.messages import unexpected
 from touchline.season.recordings import at_hand, fingerprint, folder_names, is_address, keep
 from touchline.season.tables import Row, row_of, write_estimates, write_runs
 from touchline.sources import BagOptions, open_source
@@ -120,7 +121,7 @@ def localize_one(task: Task) -> Row:
     except TouchlineError as error:
         row["failure"] = str(error)
     except Exception as error:  # a fault of a system, or of one recording's decoder: a row, and not the end
-        row["failure"] = f"{type(error).__name__}: {error}"
+        row["failure"] = unexpected(error)
     return row
 
 
