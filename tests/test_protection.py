@@ -60,3 +60,14 @@ def test_the_error_table_tells_how_often_levels_are_exceeded() -> None:
     assert table.as_dict()["protection_position"]["misleading"] == 1
     without = error_table(moved, truth, located=tracked)
     assert (without.protection_position, without.protection_heading, len(without.notes())) == (None, None, 1)
+
+
+def test_levels_hold_given_the_end_where_that_is_open() -> None:
+    truth = true_samples(4)
+    turned = Samples(truth.stamp_ns, truth.values * (-1.0, -1.0, 1.0) + (0.01, 0.0, np.pi))
+    levels, is_open = np.column_stack((np.full(4, 0.05), np.full(4, 0.02))), np.array([True, True, True, False])
+    table = error_table(turned, truth, protection=levels, end_open=is_open)
+    assert table.protection_position is not None
+    assert (table.protection_position.misleading, table.end_open) == (1, 3)
+    assert table.position.mean > 0.5, "where the robot is said to stand stays an error"
+    assert str(table).endswith("given the end of the field, which is open in 3")

@@ -21,14 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 import touchline
-from touchline.evaluation.metrics import associate
-from touchline.geometry import wrap_angles
+from touchline.evaluation.metrics import errors_given_end
 from touchline.types import Status
 
 WRONG_M, WRONG_RAD = 0.5, np.radians(15.0)
-DECIDED = (
-    0.9  # probability of its end from which a pose at the other end of the field is wrong: below it the twin is named
-)
 FIRST_SEED = 100  # of the walks that judge
 
 
@@ -55,12 +51,7 @@ def localized(recording: Path, system: str, folder: Path) -> Walk:
     truth = source.truth.samples()
     run = touchline.run(recording, system, output=folder, start=truth.values[0].tolist())
     table = run.estimates
-    found = associate(table.trajectory.stamp_ns, truth.stamp_ns)
-    errors = table.trajectory.values - truth.values[found]
-    turned = table.trajectory.values * (-1.0, -1.0, 1.0) + (0.0, 0.0, np.pi) - truth.values[found]
-    open_end = (table.end_probability < DECIDED) & (np.hypot(*turned[:, :2].T) < np.hypot(*errors[:, :2].T))
-    errors = np.where(open_end[:, np.newaxis], turned, errors)
-    errors[:, 2] = wrap_angles(errors[:, 2])
+    errors = errors_given_end(table.trajectory, truth, table.end_open).values
     covariances = table.covariance[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3).astype(np.float64)
     nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances + 1e-12 * np.eye(3)), errors) / 3.0
     return Walk(errors, nees, table.has_status(Status.TRACKING))

@@ -29,6 +29,7 @@ HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_
 COLUMNS = tuple(HEADER.split(","))
 PROBABILITIES = ("probability", "twin_probability", "end_probability")
 PROTECTION = ("protection_m", "protection_rad")
+END_DECIDED = 0.9  # probability of a pose's end of the field from which it is no longer open
 _ESTIMATED = (*PROBABILITIES, *PROTECTION)  # numbers that a system need not give
 _OPTIONAL = ("mode", *_ESTIMATED, "statistics", "reason")
 _MEASURED = ("residual_m", "perception_ms", "localization_ms")
@@ -83,6 +84,12 @@ class EstimateTable:
     def protection(self) -> FloatArray:
         """(N, 2) protection levels of position (m) and heading (rad); NaN where none was given."""
         return np.column_stack((self.protection_m, self.protection_rad)).astype(np.float64)
+
+    @property
+    def end_open(self) -> npt.NDArray[np.bool_]:
+        """(N,) whether the twin at the other end of the field is so likely that the end is open."""
+        is_open: npt.NDArray[np.bool_] = self.end_probability < END_DECIDED
+        return is_open
 
     def estimate(self, row: int) -> Estimate:
         """What was written of an image; of the other hypotheses only the twin, if it has a probability."""

@@ -7,7 +7,7 @@ position without them has a row of its own.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -52,7 +52,8 @@ class ErrorTable:
     `frames` were counted. Left out: `skipped` first frames as asked, `black` images, frames `before_first` estimate,
     frames `without_truth` nearer than half a frame. In `lost` of the counted frames the robot was lost or searched for;
     `tracked_position` is of the others (None where these are all or none). `protection_position`, `protection_heading`:
-    how the protection levels of the others hold, None where there is none.
+    how the protection levels of the others hold, None where there is none; in `end_open` of these the end of the field
+    is open, and the error that counts is the nearer twin's.
     """
 
     x: ErrorStatistics
@@ -68,6 +69,7 @@ class ErrorTable:
     tracked_position: ErrorStatistics | None = None
     protection_position: ProtectionStatistics | None = None
     protection_heading: ProtectionStatistics | None = None
+    end_open: int = 0
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: metres and radians, as the keys say."""
@@ -88,7 +90,7 @@ class ErrorTable:
     def notes(self) -> list[str]:
         """Sentences: what was counted and left out, and how protection levels hold, where there are any."""
         position, heading = self.protection_position, self.protection_heading
-        bounds = [] if position is None or heading is None else [protection_text(position, heading)]
+        bounds = [] if position is None or heading is None else [protection_text(position, heading, self.end_open)]
         return [self._left_out(), *bounds]
 
     def _left_out(self) -> str:
@@ -169,6 +171,15 @@ def signed_errors(trajectory: Samples, truth: Samples) -> Errors:
     return Errors(rows, trajectory.stamp_ns[rows], values)
 
 
+def errors_given_end(trajectory: Samples, truth: Samples, end_open: BoolArray) -> Errors:
+    """The same, of the nearer twin where the end of the field is open (N,): protection levels hold given the end."""
+    errors = signed_errors(trajectory, truth)
+    twins = Samples(trajectory.stamp_ns, trajectory.values[:, :3] * (-1.0, -1.0, 1.0) + (0.0, 0.0, np.pi))
+    turned = signed_errors(twins, truth)
+    nearer = end_open[errors.rows] & (turned.position_m() < errors.position_m())
+    return replace(errors, values=np.where(nearer[:, np.newaxis], turned.values, errors.values))
+
+
 def error_table(
     trajectory: Samples,
     truth: Samples,
@@ -177,12 +188,14 @@ def error_table(
     black_ns: Sequence[tuple[int, int]] = (),
     skip: int = 0,
     protection: FloatArray | None = None,
+    end_open: BoolArray | None = None,
 ) -> ErrorTable:
     """Statistics of a trajectory (N, 3) against the truth (M, 3), both x, y, heading (m, m, rad).
 
     located: (N,) whether the system was tracking; frames before the first of them are left out. None: all were.
     black_ns: first and last stamp of every stretch of black images. skip: leave out this many frames at the start.
     protection: (N, 2) protection levels of position (m) and heading (rad), NaN where none was given.
+    end_open: (N,) whether the twin at the other end is named as possible; levels hold given the end. None: nowhere.
 
     Raises NothingToCompareError if nothing is left to compare.
     """
@@ -201,8 +214,10 @@ def error_table(
     levels = np.full((len(trajectory), 2), np.nan) if protection is None else protection
     levels = levels[errors.rows[tracked]]
     bounded = bool(np.isfinite(levels).any())
-    of_position = ProtectionStatistics.of(errors.position_m()[tracked], levels[:, 0], ALERT_LIMIT_M)
-    of_heading = ProtectionStatistics.of(errors.values[tracked, 2], levels[:, 1], ALERT_LIMIT_RAD)
+    end_open = np.zeros(len(trajectory), dtype=np.bool_) if end_open is None else end_open
+    given_end = errors_given_end(trajectory, truth, end_open)
+    of_position = ProtectionStatistics.of(given_end.position_m()[tracked], levels[:, 0], ALERT_LIMIT_M)
+    of_heading = ProtectionStatistics.of(given_end.values[tracked, 2], levels[:, 1], ALERT_LIMIT_RAD)
     return ErrorTable(
         x=ErrorStatistics.of(values[:, 0]),
         y=ErrorStatistics.of(values[:, 1]),
@@ -219,6 +234,7 @@ def error_table(
         else None,
         protection_position=of_position if bounded else None,
         protection_heading=of_heading if bounded else None,
+        end_open=int(np.sum(end_open[errors.rows[tracked]])),
     )
 
 

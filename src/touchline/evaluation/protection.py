@@ -67,13 +67,17 @@ class ProtectionStatistics:
         return float(beta.ppf(confidence, self.misleading + 1, self.bounded - self.misleading))
 
 
-def protection_text(position: ProtectionStatistics, heading: ProtectionStatistics) -> str:
-    """How often the levels were exceeded, and how large they are, in a sentence."""
+def protection_text(position: ProtectionStatistics, heading: ProtectionStatistics, end_open: int = 0) -> str:
+    """How often the levels were exceeded, and how large they are, in a sentence. end_open: images in which the end of
+    the field is.
+    """
     none = position.images - position.bounded
     level = f"{100.0 * position.median:.1f} cm, {np.degrees(heading.median):.2f}°"
     return (
         f"misleading: {position.misleading} of {position.bounded} images in position, {heading.misleading} in heading; "
-        f"median protection level {level}" + (f"; none given in {none}" if none else "")
+        f"median protection level {level}"
+        + (f"; none given in {none}" if none else "")
+        + (f"; given the end of the field, which is open in {end_open}" if end_open else "")
     )
 
 

@@ -105,6 +105,7 @@ class Run:
             black_ns=self.black_ns(),
             skip=skip,
             protection=table.protection,
+            end_open=table.end_open,
         )
 
     def black_ns(self) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.metrics import BoolArray, Errors, ErrorStatistics, within
+from touchline.evaluation.metrics import BoolArray, Errors, ErrorStatistics, errors_given_end, within
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.types import Samples, Status
@@ -86,14 +86,15 @@ class RunData:
         return {name: ErrorStatistics.of(values) for name, values in named.items()}
 
     def bounded_errors(self) -> tuple[FloatArray, FloatArray] | None:
-        """Position errors (K,) and protection levels (K,) of the tracked images (m), black ones left out, the level NaN
-        where none was given; None without truth or without any level.
+        """Position errors (K,), given the end of the field where it is open, and protection levels (K,) of the tracked
+        images (m), black ones left out, the level NaN where none was given; None without truth or without any level.
         """
-        if self.errors is None:
+        if self.errors is None or self.truth is None:
             return None
         counted = self._tracked() & ~within(self.errors.stamp_ns, self.black_ns)
         levels = self.table.protection[self.errors.rows[counted], 0]
-        return (self.errors.position_m()[counted], levels) if np.isfinite(levels).any() else None
+        errors = errors_given_end(self.table.trajectory, self.truth, self.table.end_open)
+        return (errors.position_m()[counted], levels) if np.isfinite(levels).any() else None
 
     def happened(self) -> list[Event]:
         """What the recording tells, in the order of time; where it tells no kidnap, those that the truth shows."""
