@@ -298,7 +298,7 @@ class MotionRelation:
     def _steps(self) -> _Steps:
         """Those that are known."""
         first = WINDOW - len(self._spans_ns)
-        return self._every if first == 0 else _Steps(*(each[first:] for each in self._every))
+        return self._every if first == 0 else _Steps._make(each[first:] for each in self._every)
 
     @property
     def agrees(self) -> bool:
