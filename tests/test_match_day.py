@@ -233,6 +233,25 @@ def test_who_lies_is_not_tracked_and_what_it_felt_is_not_believed() -> None:
     assert (found[-1].end_probability or 0.0) > 0.9
 
 
+def test_who_was_tracked_with_an_open_end_is_tracked_again_after_a_fall_with_its_twin_named() -> None:
+    there = Pose(-3.0, 1.0, 0.4)
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
+    for k in range(20):  # found anywhere, at one of both ends, and walking, which confirms it
+        place = Pose(there.x + 0.05 * k, there.y, there.heading)
+        moved = Samples(
+            np.array([100_000_000 * k]), np.array([[0.05 * k * math.cos(-0.4), 0.05 * k * math.sin(-0.4), 0.0]])
+        )
+        before = system.step(replace(frame(k, seen(place, k)), odometry=moved))
+    assert before.status is Status.TRACKING
+    assert before.end_probability == pytest.approx(0.5)
+    for k in range(20, 30):
+        system.step(lying(frame(k, seen(place, k)), 1.4))
+    last = [system.step(lying(frame(k, seen(place, k)), 0.02)) for k in range(30, 46)][-1]
+    assert last.status is Status.TRACKING
+    assert last.end_probability == pytest.approx(0.5)
+    assert any(one.pose.distance_to(last.pose.mirrored()) < 0.1 for one in last.hypotheses)
+
+
 def test_a_lean_of_a_walking_robot_is_no_fall() -> None:
     system = started(Pose(-3.0, 1.0, 0.4))
     for k in range(4, 20):

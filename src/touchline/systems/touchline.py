@@ -298,7 +298,7 @@ class Touchline:
         compass_rad = self._compass(frame)
         self.end_judge.follow(self.bank, self.followed, self.predicted, compass_rad)
         if where is not None:
-            end.take_prior(where.log_odds(best.filter.pose))
+            end.take_prior(where.log_odds(best.filter.pose), self.relocation.end_was_open)
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends

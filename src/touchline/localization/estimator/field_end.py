@@ -95,10 +95,17 @@ class FieldEnd:
         self.compass.begin(compass_error_rad)
         self._support = supports(compass_error_rad)
 
-    def take_prior(self, log_odds: float) -> None:
-        """Take the log-odds of the pose against its twin by what happened to the robot; open where none is likelier."""
+    @property
+    def is_open(self) -> bool:
+        """Whether neither end is clearly likelier."""
+        return self.symmetric and abs(self.log_odds) < -REFUTED
+
+    def take_prior(self, log_odds: float, was_open: bool = False) -> None:
+        """Take the log-odds of the pose against its twin by what happened to the robot; undecided where none is likelier
+        now, unless the end was open before: who was tracked so, its twin named, is so again.
+        """
         self.prior_log_odds = log_odds
-        self.undecided = self.symmetric and abs(self.log_odds) < -REFUTED
+        self.undecided = self.is_open and not was_open
 
     def add_half(self, pose: Pose, own_half: bool) -> None:
         """A robot that is tracked stays where it is, in its own half where that is likelier."""

@@ -30,6 +30,7 @@ class Relocation:
         self._referee.reset()
         self._posture.reset()
         self.whereabouts: Whereabouts | None = None
+        self.end_was_open = False  # before it
 
     @property
     def lies(self) -> bool:
@@ -44,6 +45,8 @@ class Relocation:
 
     def join(self, bank: Bank, end: FieldEnd, prior: Prior) -> None:
         """Take what has happened to the robot: it may stand elsewhere by now."""
+        if self.whereabouts is None:
+            self.end_was_open = bool(bank.members) and end.is_open and not end.undecided
         self.whereabouts = joined(bank, end.probability, self.whereabouts, prior, self._area_m2)
 
     def lie(self, seconds: float) -> None:
