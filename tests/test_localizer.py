@@ -614,3 +614,29 @@ def test_a_reset_takes_the_state_of_the_game(monkeypatch: pytest.MonkeyPatch) ->
             localizer.reset(state="fallen", **more)
     with pytest.raises(InputError, match="known: "):
         localizer.reset(state="?")
+
+
+def test_odometry_that_floods_the_robot_is_thinned_but_for_the_newest() -> None:
+    """A hundred thousand samples a second cost no image a second: states between two of them tell nothing more."""
+    robot = made("touchline")
+    for k in range(50_000):
+        robot.add_odometry(10_000 * k, 1e-5 * k, 0.0, 0.0)
+    robot.localize(500_000_000, points=np.zeros((0, 2)))
+    taken = robot.frame.odometry if robot.frame is not None else None
+    assert taken is not None
+    assert len(taken) < 1_100
+    assert taken.stamp_ns[-1] == 10_000 * 49_999
+    assert np.diff(taken.stamp_ns).max() <= 500_000
+
+
+def test_samples_of_usual_rates_are_all_taken() -> None:
+    robot = made("touchline")
+    for k in range(500):
+        robot.add_odometry(1_000_000 * k, 0.0, 0.0, 0.0)
+        robot.add_gyro(1_000_000 * k, 0.0, 0.0, 0.0)
+        robot.add_gyro(1_000_000 * k + 100_000, 0.0, 0.0, 0.0)
+    robot.localize(500_000_000, points=np.zeros((0, 2)))
+    assert robot.frame is not None
+    assert robot.frame.odometry is not None
+    assert robot.frame.gyro is not None
+    assert (len(robot.frame.odometry), len(robot.frame.gyro)) == (500, 1000)

@@ -51,6 +51,7 @@ from touchline.types.drawing import estimate_html, estimate_marks
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MAX_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
+_STATE_NS = 500_000  # between poses of the odometry and other states that are kept
 _MAX_EVIDENCE, _MAX_OF_SOURCE = 100, 4  # that wait for an image: of all, and of one source
 _MAX_STAMP_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
@@ -450,8 +451,14 @@ class _Queue:
         self._rows = {sensor: deque[tuple[int, tuple[float, ...]]](maxlen=_MAX_SAMPLES) for sensor in _SENSORS}
 
     def put(self, sensor: str, stamp_ns: int, row: tuple[float, ...]) -> None:
+        """Add a sample. Of states that come more often than anybody needs, the newest takes the place of the last."""
         with self._lock:
-            self._rows[sensor].append((stamp_ns, row))
+            waiting = self._rows[sensor]
+            if len(waiting) > 1 and sensor != "gyro":
+                before_ns, last_ns = waiting[-2][0], waiting[-1][0]
+                if before_ns < last_ns < stamp_ns < before_ns + _STATE_NS:
+                    waiting.pop()
+            waiting.append((stamp_ns, row))
 
     def take(self) -> dict[str, Samples]:
         """All that waits, by sensor."""

@@ -13,7 +13,6 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -92,12 +91,19 @@ def _cost(seen, told, weights, i):  # type: ignore[no-untyped-def]
     return min(half, MAX_COST) if half == half else 0.0
 
 
+@njit(cache=True)
+def _copy(row, to):  # type: ignore[no-untyped-def]
+    for k in range(len(row)):  # copying it at once would take seconds to compile
+        to[k] = row[k]
+
+
 @njit(cache=True, error_model="numpy")
 def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
     """The odometry's step (3,), in place, as explanation e with its parameter changes it, but for lags."""
     fitted = e - signs.shape[0]
     if fitted < 0:
-        step *= signs[e]
+        for k in range(3):
+            step[k] *= signs[e, k]
     elif fitted == 0:
         step[0] *= value
         step[1] *= value
@@ -109,9 +115,9 @@ def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
     elif fitted == 3:
         step[2] += value
     elif fitted == 4 and value < _STILL:
-        step[:] = seen  # odometry that stands still tells nothing
+        _copy(seen, step)  # odometry that stands still tells nothing
     elif fitted == 5:
-        step[:] = 0.0
+        step[0] = step[1] = step[2] = 0.0
     elif fitted == 6:
         step[2] = gyro
 
@@ -146,7 +152,7 @@ def saved(steps, signs, e, value, first):  # type: ignore[no-untyped-def]
         return total
     step = np.zeros(3)
     for i in range(first, steps.seen.shape[0]):
-        step[:] = steps.told[i]
+        _copy(steps.told[i], step)
         _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
         total += steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
     return total
@@ -177,7 +183,7 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
 class _Steps(NamedTuple):
     """N steps, robot frame before each: seen, told (N, 3); inverse covariances (N, 3, 3) of their differences; turns by
     the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without a fitted
-    parameter saves, 0 where that is not known; lags_known (N,): whether it is, of lags.
+    parameter saves, 0 where that is not known; lags_known (N,): 1 where it is, of lags.
     """
 
     seen: FloatArray
@@ -186,7 +192,7 @@ class _Steps(NamedTuple):
     gyro: FloatArray
     costs: FloatArray
     gains: FloatArray
-    lags_known: npt.NDArray[np.bool_]
+    lags_known: FloatArray
 
 
 @njit(cache=True, error_model="numpy")
@@ -217,18 +223,30 @@ def _push(steps, signs, ends, told, delayed, gyro):  # type: ignore[no-untyped-d
     """Add a step behind all others, in place; the first is forgotten. ends: poses (3,) and covariances (3, 3) by the
     images at its ends; delayed (3,): told if images are as late as is corrected. Its costs as told and as delayed.
     """
-    for i in range(steps.costs.shape[0] - 1):
-        steps.seen[i], steps.told[i], steps.weights[i] = steps.seen[i + 1], steps.told[i + 1], steps.weights[i + 1]
-        steps.gyro[i], steps.gains[i], steps.costs[i] = steps.gyro[i + 1], steps.gains[i + 1], steps.costs[i + 1]
-        steps.lags_known[i] = steps.lags_known[i + 1]
-    seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], told)
     last = steps.costs.shape[0] - 1
-    steps.seen[last], steps.told[last], steps.weights[last], steps.gyro[last] = seen, told, weights, gyro
+    for i in range(last):
+        _copy(steps.seen[i + 1], steps.seen[i])
+        _copy(steps.told[i + 1], steps.told[i])
+        _copy(steps.gains[i + 1], steps.gains[i])
+        for a in range(3):
+            _copy(steps.weights[i + 1, a], steps.weights[i, a])
+        steps.gyro[i], steps.costs[i], steps.lags_known[i] = (
+            steps.gyro[i + 1],
+            steps.costs[i + 1],
+            steps.lags_known[i + 1],
+        )
+    seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], told)
+    _copy(seen, steps.seen[last])
+    _copy(told, steps.told[last])
+    for a in range(3):
+        _copy(weights[a], steps.weights[last, a])
     raw, late = _cost(steps.seen, told, steps.weights, last), _cost(steps.seen, delayed, steps.weights, last)
-    steps.costs[last], steps.gains[last], steps.lags_known[last] = min(raw, late), 0.0, False
+    steps.gyro[last], steps.costs[last], steps.lags_known[last] = gyro, min(raw, late), 0.0
     step, count = np.empty(3), signs.shape[0]
+    for e in range(steps.gains.shape[1]):
+        steps.gains[last, e] = 0.0
     for e in range(count + 2):
-        step[:] = told
+        _copy(told, step)
         _change(step, seen, gyro, signs, e if e < count else e + _FITTED, 0.0)
         if step[0] == step[0] and step[2] == step[2]:
             steps.gains[last, e] = steps.costs[last] - _cost(steps.seen, step, steps.weights, last)
@@ -258,7 +276,7 @@ def _interpolated(at, stamps, rows, out):  # type: ignore[no-untyped-def]
 def _fill_lags(steps, i, span_ns, lags_ns, stamps, rows):  # type: ignore[no-untyped-def]
     """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach."""
     first, step, begin, end = steps.gains.shape[1] - len(lags_ns), np.empty(3), np.empty(3), np.empty(3)
-    steps.lags_known[i] = True
+    steps.lags_known[i] = 1.0
     for k in range(len(lags_ns)):
         begin_ns, end_ns = span_ns[0] - lags_ns[k], span_ns[1] - lags_ns[k]
         if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
@@ -287,7 +305,7 @@ class MotionRelation:
         self._pending: list[tuple[Sighting, Sighting]] = []
         self._every = _Steps(
             np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3, 3)), np.zeros(WINDOW),
-            np.zeros(WINDOW), np.zeros((WINDOW, len(SIGNS) + 2 + len(LAGS_S))), np.zeros(WINDOW, dtype=np.bool_),
+            np.zeros(WINDOW), np.zeros((WINDOW, len(SIGNS) + 2 + len(LAGS_S))), np.zeros(WINDOW),
         )  # fmt: skip
         self.sum = self.mean = 0.0
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
@@ -379,7 +397,7 @@ class MotionRelation:
     def _fill_lags(self) -> None:
         """The odometry's steps at other times, of the steps that are old enough to know all of them."""
         first = WINDOW - len(self._spans_ns)
-        for i in np.flatnonzero(~self._every.lags_known[first:]).tolist():
+        for i in np.flatnonzero(self._every.lags_known[first:] == 0.0).tolist():
             begin_ns, end_ns = self._spans_ns[i]
             if self._spans_ns[-1][1] - end_ns < 1e9 * LAGS_S[-1]:
                 break
