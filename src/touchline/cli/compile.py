@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from touchline.cli.console import say
+from touchline.cli.console import errors_console, say
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -23,25 +26,59 @@ def compile_loops(
     simulator: Annotated[
         bool, typer.Option("--simulator", help="Those of the simulator's renderer, too: half a minute more.")
     ] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Those of the simulator and of the calibrations, too: a minute more.")
+    ] = False,
 ) -> None:
-    """Compile the inner loops of every system once, so that no later start waits for it; for installers and images."""
+    """Compile the inner loops of every system once, so that no later start waits for it; for installers and images.
+
+    What is there already is not compiled again.
+    """
     from touchline.systems import SYSTEMS
 
+    steps: list[tuple[str, Callable[[], None]]] = []
     for name, info in SYSTEMS.items():
+        examples = [("omni", _run_example), ("pinhole", _walk_example)]
+        wanted = [example for model, example in examples if model in info.cameras]
+        steps += [(name, partial(_each, wanted, name))]
+    steps += [("locate", _locate_example)]
+    steps += [("simulator", _render_example)] if simulator or everything else []
+    steps += [("calibrations", _calibrate_example)] if everything else []
+    for number, (name, example) in enumerate(steps, 1):
         started = time.perf_counter()
-        if "omni" in info.cameras:
-            _run_example(name)
-        if "pinhole" in info.cameras:
-            _walk_example(name)
-        say(f"{name}: ready after {time.perf_counter() - started:.1f} s")
-    started = time.perf_counter()
-    _locate_example()
-    say(f"locate: ready after {time.perf_counter() - started:.1f} s")
-    if simulator:
-        started = time.perf_counter()
-        _render_example()
-        say(f"simulator: ready after {time.perf_counter() - started:.1f} s")
+        with _compiled() as names:
+            example()
+        what = f"{len(names)} loops compiled" if names else "nothing to compile"
+        say(f"{number} of {len(steps)}, {name}: ready after {time.perf_counter() - started:.1f} s, {what}")
     say("all loops are compiled; their code is kept beside the package, or in NUMBA_CACHE_DIR if that is set")
+
+
+def _each(examples: Sequence[Callable[[str], None]], system: str) -> None:
+    for example in examples:
+        example(system)
+
+
+@contextmanager
+def _compiled() -> Iterator[set[str]]:
+    """Names of the loops that are compiled meanwhile, each with its types; a bar on a terminal says so."""
+    from numba.core import event
+    from rich.status import Status
+
+    names: set[str] = set()
+    console = errors_console()
+    status = Status("", console=console)
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            function = event.data["dispatcher"].py_func
+            if function.__module__.startswith("touchline"):  # and not a part of Numba's own
+                names.add(f"{function.__module__}.{function.__qualname__}{event.data['args']}")
+                status.update(f"{len(names)}: compiling {function.__qualname__}")
+
+        def on_end(self, event: Any) -> None: ...
+
+    with event.install_listener("numba:compile", Listener()), status if console.is_terminal else nullcontext():
+        yield names
 
 
 def _run_example(system: str) -> None:
@@ -150,3 +187,18 @@ def _render_example() -> None:
     for name in ("match", "humanoid-walk"):
         for level in ("images", "points"):
             next(iter(Simulation(open_scenario(name, 0, 0.5), level)))
+
+
+def _calibrate_example() -> None:
+    """A mirror from the lines in two images of the bundled recording, as far as these tell it."""
+    from itertools import islice
+
+    from touchline.calibration.lines.images import calibrate_images
+    from touchline.cli.run import example_recording
+    from touchline.errors import TouchlineError
+    from touchline.field import open_field
+    from touchline.sources import open_source
+
+    images = [frame.image for frame in islice(open_source(example_recording()), 0, None, 8) if frame.image is not None]
+    with suppress(TouchlineError):
+        calibrate_images(images[:3], open_field("msl-18x12"))
