@@ -101,8 +101,8 @@ class FieldEnd:
         return self.symmetric and abs(self.log_odds) < -REFUTED
 
     def take_prior(self, log_odds: float, was_open: bool = False) -> None:
-        """Take the log-odds of the pose against its twin by what happened to the robot; undecided where none is likelier
-        now, unless the end was open before: who was tracked so, its twin named, is so again.
+        """Take the log-odds of the pose against its twin by what happened to the robot. Undecided where none is likely
+        enough, unless the end was open before: who was tracked so, its twin named, is so again.
         """
         self.prior_log_odds = log_odds
         self.undecided = self.is_open and not was_open

@@ -85,12 +85,14 @@ class PoseStatus:
             self.images += 1
         seen_and_fits = self.blind_frames == 0 and self._fits(best, 0.5)
         self._unexplained_s = 0.0 if seen_and_fits else self._unexplained_s + seconds
+        # by this image: the robot was carried off, or what it shows are no lines
+        contradicted = self.blind_frames == 0 and not seen_and_fits
         if self.blind_frames == 0:
-            self._contradicted_s = 0.0 if seen_and_fits else self._contradicted_s + seconds
+            self._contradicted_s = self._contradicted_s + seconds if contradicted else 0.0
         decided = self.is_likely(bank) and end.is_decided(self.criteria.min_probability)
         ratio = self._image_trust.tracked_ratio if tracked else 1.0
         explained = self.blind_frames > 0 or self._explained >= ratio * self.criteria.min_explained
-        if decided and explained and is_observed(best.filter.covariance) and not self.is_blind:
+        if decided and explained and not contradicted and is_observed(best.filter.covariance) and not self.is_blind:
             self.status, bank.confirmed = Status.TRACKING, True
         else:
             self.status = Status.SEARCHING if not tracked or decided else Status.LOST
