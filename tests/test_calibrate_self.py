@@ -91,8 +91,8 @@ def test_lean_and_how_sure_it_is_are_told(found: SelfCalibration) -> None:
 def test_too_few_places_and_another_field_are_refused(robot: tuple[Drive, RobotSetup, list[Estimate]]) -> None:
     _, setup, estimates = robot
     assert isinstance(setup.camera, OmniCamera)
-    with pytest.raises(NoFitError, match="too few, 12 are needed: the robot must move about"):
-        calibrate_self(spread_views(estimates[60:64]), setup.camera, setup.field)
+    with pytest.raises(NoFitError, match="too few, 3 are needed: the robot must move about"):
+        calibrate_self(spread_views(estimates[60:61]), setup.camera, setup.field)
     views = [one._replace(pose=one.pose + np.array([1.0, 1.0, 0.3])) for one in spread_views(estimates)]
     with pytest.raises(NoFitError, match="% of the line points lie on lines with the best mirror"):
         calibrate_self(views, setup.camera, setup.field)
@@ -111,5 +111,5 @@ def test_the_command_refuses_a_recording_that_tells_too_little(small_data: Path,
     target = tmp_path / "camera.yaml"
     result = CliRunner().invoke(app, ["calibrate", "self", str(small_data / "omni_9x6_points"), "-o", str(target)])
     assert result.exit_code != 0
-    assert re.search("not calibrated: . images with a known pose", str(result.exception) + result.output)
+    assert re.search("not calibrated: the recording leaves", str(result.exception) + result.output)
     assert not target.exists()

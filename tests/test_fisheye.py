@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from touchline import open_source
 from touchline.calibration import self_perspective
-from touchline.calibration.self_perspective import calibrate_self_perspective, perspective_views
+from touchline.calibration.self_perspective import calibrate_self_perspective, evenly, perspective_view
 from touchline.camera import FisheyeCamera, leaning, open_camera, perspective_mapping
 from touchline.errors import InputError
 from touchline.evaluation.runner import robot_setup
@@ -223,7 +223,11 @@ def test_roll_pitch_height_and_focal_length_are_found_from_the_walk(
     system = open_system("touchline", replace(robot_setup(walk), camera=told))
     assert isinstance(system, Touchline)
     system.reset(Prior(pose=walk.truth[0]))
-    found = calibrate_self_perspective(perspective_views(system, walk), told, system.registration)
+    found = calibrate_self_perspective(
+        evenly([one for frame in walk if (one := perspective_view(system, frame, system.step(frame)))]),
+        told,
+        system.registration,
+    )
     assert found.camera.model == "fisheye"
     assert found.camera.fx == pytest.approx(CAMERA.fx, rel=0.01)
     assert found.camera.base_from_camera.translation_m[2] == pytest.approx(0.52, rel=0.025)

@@ -1,27 +1,18 @@
-"""benchmarks/light.py: where paint is, by the renderer, and what counts as found."""
+"""The experiment light: where paint is, by the renderer, and what counts as found."""
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from touchline.experiments import light
 from touchline.perception import LinePointDetector, LinePointSettings
 from touchline.perception.profiles import on_one_line
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.run import Simulation
 from touchline.types import LinePoints, Observation
-
-_SPEC = importlib.util.spec_from_file_location("light", Path(__file__).parents[1] / "benchmarks/light.py")
-assert _SPEC is not None
-assert _SPEC.loader is not None
-light: Any = importlib.util.module_from_spec(_SPEC)
-sys.modules[_SPEC.name] = light  # dataclasses look themselves up
-_SPEC.loader.exec_module(light)
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from touchline.localization.camera_errors.mirror import MISFIT_M2, NAMES, mirror
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M, MirrorResponse
 from touchline.types import Estimate, LinePoints
 
-IMAGES, MIN_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
+IMAGES, MIN_IMAGES = 50, 3  # images that are fitted; whether few are enough their uncertainty tells
 APART_M, TURN_M = 0.3, 1.5  # how far images lie apart at least; a turn by a radian counts so much
 KNOTS_M = np.array([1.0, 2.0, 3.0, 4.5, 6.5])  # of the correction of ranges, linear between them
 KNOT_RATIO = 0.01  # its standard deviation at each, before

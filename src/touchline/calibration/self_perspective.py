@@ -8,7 +8,7 @@ solved together, and all is done again from there. The poses of a run of the sys
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from touchline.localization.registration.registration import TRACKING, Registrat
 from touchline.localization.registration.seen import seen_of
 from touchline.localization.search.feature_search import distinct
 from touchline.systems.touchline import Touchline
-from touchline.types import Frame
+from touchline.types import Estimate, Frame
 
 SHARED = ("roll", "pitch", "height", "focal length")
 PRIOR = np.array([0.05, 0.05, 0.05, 0.05])  # standard deviations before: rad, rad, ratios
@@ -60,15 +60,18 @@ class PerspectiveSelfCalibration(SelfCalibration[PerspectiveCamera]):
     lean_rad: float
 
 
-def perspective_views(system: Touchline, frames: Iterable[Frame]) -> tuple[PerspectiveView, ...]:
-    """The images of a run of the system whose pose is known, evenly over time."""
-    views = []
-    for frame in frames:
-        estimate = system.step(frame)
-        if estimate.explains_image and estimate.observation is not None:
-            seen = seen_of(estimate.observation, system.features, 1.0)
-            if seen.shares.sum() >= MIN_SEEN:
-                views.append(PerspectiveView(seen, system.errors.response(frame), estimate.pose.as_array()))
+def perspective_view(system: Touchline, frame: Frame, estimate: Estimate) -> PerspectiveView | None:
+    """An image that the system has just taken; None where its pose is not known, or it shows too little."""
+    if not estimate.explains_image or estimate.observation is None:
+        return None
+    seen = seen_of(estimate.observation, system.features, 1.0)
+    if seen.shares.sum() < MIN_SEEN:
+        return None
+    return PerspectiveView(seen, system.errors.response(frame), estimate.pose.as_array())
+
+
+def evenly(views: Sequence[PerspectiveView]) -> tuple[PerspectiveView, ...]:
+    """So many views as are fitted at most, evenly over time."""
     chosen = np.unique(np.linspace(0, len(views) - 1, min(MAX_IMAGES, len(views))).astype(int))
     return tuple(views[k] for k in chosen)
 

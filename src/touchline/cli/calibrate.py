@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.calibrate_lines import calibrate_lines, calibrate_self
+from touchline.cli.calibrate_lines import calibrate_lines
 from touchline.cli.calibrate_perspective import calibrate_camera, calibrate_imu
+from touchline.cli.calibrate_self import calibrate_self
 from touchline.cli.console import warn
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, print_lines, write_pair
 from touchline.cli.options import FollowLinks, SkipUnusable, check_handedness

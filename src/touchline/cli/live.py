@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -37,17 +37,24 @@ if TYPE_CHECKING:
     from touchline.types import Estimate, System
     from touchline.view.viewer import LatestShown, Screen
 
-_PORT = 28400
-_Address = Annotated[
+PORT = 28400
+Address = Annotated[
     str | None,
     typer.Option(
-        "--udp", metavar="[HOST:]PORT", help=f"Where Touchline hears the robot (default: {_PORT} of loopback)."
+        "--udp", metavar="[HOST:]PORT", help=f"Where Touchline hears the robot (default: {PORT} of loopback)."
     ),
 ]
-_ByDds = Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")]
-_ByZenoh = Annotated[bool, typer.Option("--zenoh", help="By ROS 2's topics over Zenoh, without ROS (extra zenoh).")]
-_BeyondMachine = Annotated[bool, typer.Option("--network", help="Of --dds, --zenoh: beyond this machine.")]
-_Topics = Annotated[
+ByDds = Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")]
+ByZenoh = Annotated[bool, typer.Option("--zenoh", help="By ROS 2's topics over Zenoh, without ROS (extra zenoh).")]
+ByRclpy = Annotated[
+    bool, typer.Option("--rclpy", help="By ROS 2's topics as a node of ROS, in an environment that has it.")
+]
+ByBridge = Annotated[
+    str | None, typer.Option(metavar="[HOST:]PORT", help="By ROS 2's topics that touchline_ros's bridge brings.")
+]
+Namespace = Annotated[str, typer.Option(metavar="/NAME", help="Of this robot in ROS: its topics come first.")]
+BeyondMachine = Annotated[bool, typer.Option("--network", help="Of --dds, --zenoh: beyond this machine.")]
+Topics = Annotated[
     list[str] | None,
     typer.Option("--topic", metavar="ROLE=/NAME", help="Of ROS: image, odometry, detections, …; repeatable."),
 ]
@@ -60,24 +67,19 @@ def live(
     field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
     camera: Annotated[Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.")] = None,
     system: SystemName = None,
-    dds: _ByDds = False,
-    zenoh: _ByZenoh = False,
-    rclpy: Annotated[
-        bool, typer.Option("--rclpy", help="By ROS 2's topics as a node of ROS, in an environment that has it.")
-    ] = False,
-    bridge: Annotated[
-        str | None,
-        typer.Option(metavar="[HOST:]PORT", help="By ROS 2's topics that touchline_ros's bridge brings."),
-    ] = None,
-    topics: _Topics = None,
+    dds: ByDds = False,
+    zenoh: ByZenoh = False,
+    rclpy: ByRclpy = False,
+    bridge: ByBridge = None,
+    topics: Topics = None,
     base: BagBase = None,
     late: BagLate = 0.0,
-    namespace: Annotated[str, typer.Option(metavar="/NAME", help="Of this robot in ROS: its topics come first.")] = "",
-    network: _BeyondMachine = False,
-    udp: _Address = None,
+    namespace: Namespace = "",
+    network: BeyondMachine = False,
+    udp: Address = None,
     to: Annotated[
         str | None,
-        typer.Option("--to", metavar="[HOST:]PORT", help=f"Where the poses go (default: {_PORT + 1} of loopback)."),
+        typer.Option("--to", metavar="[HOST:]PORT", help=f"Where the poses go (default: {PORT + 1} of loopback)."),
     ] = None,
     device: Annotated[
         str | None, typer.Option(metavar="/dev/videoN", help="Images of this camera, sensors by the link.")
@@ -120,13 +122,13 @@ def live(
 
     ros = {"--dds": dds, "--zenoh": zenoh, "--rclpy": rclpy, "--bridge": bridge is not None}
     of_ros = {"--topic": topics, "--base": base, "--late": late, "--namespace": namespace}
-    _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros, network)
+    refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros, network)
     if mates and not team_evidence:
         raise InputError("--mate: counts only with --team-evidence")
     if (team is None) != (player is None) or (team is not None and not game_controller):
         raise InputError("--team and --player belong together, and to --game-controller")
-    namespace = _as_namespace(namespace)
-    udp, to = udp or str(_PORT), to or str(_PORT + 1)
+    namespace, named = as_namespace(namespace), bag_options(topics, None, None, None).topics
+    udp, to = udp or str(PORT), to or str(PORT + 1)
     if camera is not None and str(camera).startswith("/dev/"):
         raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
     name = system or DEFAULT_SYSTEM
@@ -140,18 +142,7 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
-    link: Link
-    if any(ros.values()):
-        from touchline.live.ros_link import RosLink, RosOptions
-
-        named = bag_options(topics, None, None, None).topics
-        options = RosOptions(named, base, namespace, localizer.field, localizer.camera, late)
-        here = None if bridge is None else address(bridge, "--bridge")
-        link = RosLink(_transport(ros, namespace, network, here), options)
-    else:
-        from touchline.live.udp import UdpLink
-
-        link = UdpLink(address(udp, "--udp"), address(to, "--to"))
+    link = open_link(LinkChoice(ros, named, base, late, namespace, network, bridge, udp, to), localizer)
     if device is not None:
         link = _with_camera(link, device)
     if game_controller:
@@ -178,6 +169,35 @@ def live(
     _tell_end(loop, {**localizer.problems, **refused}, around if silence.reported else None)
 
 
+class LinkChoice(NamedTuple):
+    """What carries the messages: ros, by option; of ROS topics, base, late (ms), namespace, network, and the bridge's
+    address; else UDP, from and to.
+    """
+
+    ros: Mapping[str, bool]
+    topics: Mapping[str, str]
+    base: str | None
+    late: float
+    namespace: str
+    network: bool
+    bridge: str | None
+    udp: str
+    to: str
+
+
+def open_link(of: LinkChoice, localizer: Localizer) -> Link:
+    """The link to a running robot. Raises InputError where there is none."""
+    if any(of.ros.values()):
+        from touchline.live.ros_link import RosLink, RosOptions
+
+        options = RosOptions(of.topics, of.base, of.namespace, localizer.field, localizer.camera, of.late)
+        here = None if of.bridge is None else address(of.bridge, "--bridge")
+        return RosLink(_transport(of.ros, of.namespace, of.network, here), options)
+    from touchline.live.udp import UdpLink
+
+    return UdpLink(address(of.udp, "--udp"), address(of.to, "--to"))
+
+
 def _with_camera(link: Link, device: str) -> Link:
     from touchline.live.camera_device import WithCamera
     from touchline.sources.uvc_camera import UvcCamera
@@ -198,7 +218,7 @@ def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]
     return take
 
 
-def _refuse_of_other_link(
+def refuse_of_other_link(
     ros: Mapping[str, bool], of_udp: Mapping[str, object], of_ros: Mapping[str, object], network: bool
 ) -> None:
     """Raises InputError for two links, and for an option that would be left aside."""
@@ -241,7 +261,7 @@ def _transport(
     return Rclpy(namespace, name=name)
 
 
-def _as_namespace(text: str) -> str:
+def as_namespace(text: str) -> str:
     """/robot1 of /robot1, robot1 and /robot1/. Raises InputError for what ROS takes for none."""
     name = text.strip("/")
     if name and not all(part.isidentifier() and part.isascii() for part in name.split("/")):
@@ -260,10 +280,10 @@ def _require(option: str, extra: str, *modules: str) -> None:
 
 def play(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.")],
-    dds: _ByDds = False,
-    zenoh: _ByZenoh = False,
-    network: _BeyondMachine = False,
-    udp: _Address = None,
+    dds: ByDds = False,
+    zenoh: ByZenoh = False,
+    network: BeyondMachine = False,
+    udp: Address = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
     delay: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Images come so much later than they were taken (s).")
@@ -276,8 +296,8 @@ def play(
     from touchline.sources import open_source
 
     ros = {"--dds": dds, "--zenoh": zenoh}
-    _refuse_of_other_link(ros, {"--udp": udp}, {}, network)
-    udp = udp or str(_PORT)
+    refuse_of_other_link(ros, {"--udp": udp}, {}, network)
+    udp = udp or str(PORT)
     source = open_source(recording, follow_links)
     robot: Robot
     if any(ros.values()):
@@ -305,7 +325,7 @@ def address(text: str, option: str) -> tuple[str, int]:
     """[HOST:]PORT. Raises InputError for anything else."""
     host, colon, port = text.rpartition(":")
     if not port.isdigit() or not 0 < int(port) < 65536 or (colon and not host):
-        raise InputError(f"{option} {text}: expected a port, or HOST:PORT, for example 127.0.0.1:{_PORT}")
+        raise InputError(f"{option} {text}: expected a port, or HOST:PORT, for example 127.0.0.1:{PORT}")
     return host or "127.0.0.1", int(port)
 
 

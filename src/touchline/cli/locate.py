@@ -199,26 +199,14 @@ def _as_fitted(seen: _Seen, answer: _Answer) -> Look:
     import numpy as np
 
     from touchline.camera import GroundView, PerspectiveCamera
+    from touchline.view.look import seen_through
 
     look, found, camera = seen.look, answer.found, seen.camera
     assert look is not None
     if isinstance(found, NoFitError) or found.camera_errors is None or not isinstance(camera, PerspectiveCamera):
         return look
     view = GroundView(camera.corrected(found.camera_errors, np.linspace(0.05, 0.5, 10)))
-
-    def moved(places: FloatArray) -> FloatArray:
-        ground = view.ground_from_image(look.view.image_from_ground(places.reshape(-1, 2)))
-        return ground.reshape(places.shape)
-
-    of = look.observation
-    shown = replace(
-        of,
-        points=replace(of.points, positions_m=moved(of.points.positions_m)),
-        lines=replace(of.lines, ends_m=moved(of.lines.ends_m)),
-        crossings=replace(of.crossings, positions_m=moved(of.crossings.positions_m)),
-        landmarks=replace(of.landmarks, positions_m=moved(of.landmarks.positions_m)),
-    )
-    return replace(look, view=view, observation=shown)
+    return replace(look, view=view, observation=seen_through(look.observation, look.view, view))
 
 
 def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output: Path | None) -> Path | None:

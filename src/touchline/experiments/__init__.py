@@ -64,6 +64,8 @@ EXPERIMENTS = {
         Experiment("iris-timing", "section III.C: time of one update", "timing"),
         Experiment("faults", "the catalogue of faults: wrong, noticed, named", "faults"),
         Experiment("play", "hours of play with faults that come and go", "faulty_play"),
+        Experiment("light", "lines and features found under every light", "light"),
+        Experiment("photographs", "what is found in real photographs, one by one", "photographs"),
         Experiment("schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features"),
         Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy"),
         Experiment("schulz-lines-only", "Table 2, figure 6: by lines alone", "schulz_lines_only"),

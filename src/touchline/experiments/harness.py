@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -22,6 +23,7 @@ from touchline.evaluation.workers import Here, Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 from touchline.geometry import FloatArray
+from touchline.types import ImageArray
 
 Item = TypeVar("Item")
 Key = TypeVar("Key")
@@ -150,7 +152,8 @@ class ExperimentResult:
     """Result of an experiment over `seeds` seeds; `Experiment.run` tells its name and them.
 
     columns, rows: the table, as text; numbers are means over the seeds, ± is their standard deviation. notes: whole
-    sentences on what was simulated and counted. pictures: by name, without ending.
+    sentences on what was simulated and counted. pictures: by name, without ending. overlays: images (H, W, 3), B, G,
+    R, by name, for the run's folder alone.
     """
 
     title: str
@@ -159,6 +162,7 @@ class ExperimentResult:
     headline: Headline
     notes: Sequence[str] = ()
     pictures: Sequence[tuple[str, Figure]] = ()
+    overlays: Sequence[tuple[str, ImageArray]] = ()
     name: str = ""
     seeds: int = 0
 
@@ -239,6 +243,9 @@ def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = 
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=130, format="png", metadata={"Software": None})
         replace_file(path, drawn.getvalue())
+    for name, image in result.overlays:
+        check_writable(folder / result.name)
+        replace_file(folder / result.name / f"{name}.png", cv2.imencode(".png", image)[1].tobytes())
     page = folder / f"{result.name}.md"
     replace_file(page, result_page(result, [path.name for path in pictures]).encode())
     replace_file(summary, with_row(before, result, order).encode())

@@ -78,6 +78,22 @@ class Look:
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
+def seen_through(seen: Observation, before: GroundView, after: GroundView) -> Observation:
+    """What was seen by a camera in one view on the ground, as that in another one places the same pixels."""
+
+    def moved(places: FloatArray) -> FloatArray:
+        ground = after.ground_from_image(before.image_from_ground(places.reshape(-1, 2)))
+        return ground.reshape(places.shape)
+
+    return replace(
+        seen,
+        points=replace(seen.points, positions_m=moved(seen.points.positions_m)),
+        lines=replace(seen.lines, ends_m=moved(seen.lines.ends_m)),
+        crossings=replace(seen.crossings, positions_m=moved(seen.crossings.positions_m)),
+        landmarks=replace(seen.landmarks, positions_m=moved(seen.landmarks.positions_m)),
+    )
+
+
 def _counts(seen: Observation) -> str:
     features = ((len(seen.lines), "line"), (len(seen.crossings), "crossing"), (len(seen.landmarks), "landmark"))
     parts = [counted(len(seen.points), "line point"), *(counted(count, what) for count, what in features if count)]

@@ -76,8 +76,10 @@ def perspective_errors(camera: Camera | None, height_m: float | None = None) -> 
     lean = Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / height_m)
 
     def at(frame: Frame | None = None) -> PerspectiveResponse:
-        """Where the camera is and looks at the image of a frame."""
-        pose = None if camera is None or frame is None else _pose(camera, frame)
+        """Where the camera is and looks at the image of a frame; as it is mounted without one."""
+        pose = None
+        if camera is not None:
+            pose = camera.base_from_camera if frame is None else _pose(camera, frame)
         if pose is None:
             return PerspectiveResponse(eye, NO_AXIS, fisheye)
         axis = np.ascontiguousarray(pose.rotation[:, 0])

@@ -1,14 +1,11 @@
-"""What is found of a field's paint under every light of the simulator, image by image, for both cameras.
+"""light: what is found of a field's paint under every light of the simulator, image by image, for both cameras.
 
-    python benchmarks/light.py ROBOTS
-
-The renderer knows where paint is: each image is rendered with the lines and without them, and what differs is paint,
-seen past robots and worn as it is. Printed: a table, a row for each camera and light.
+No figure of a paper. The renderer knows where paint is: each image is rendered with the lines and without them, and
+what differs is paint, seen past robots and worn as it is.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -17,10 +14,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, leaning
 from touchline.evaluation.feature_truth import Tally, TrueFeatures
-from touchline.experiments.harness import NONE, Row, spread, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, spread
+from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray, Pose
 from touchline.motion import LeanFilter
 from touchline.perception import observe
@@ -298,16 +297,38 @@ def _percent(ratio: float) -> str:
     return NONE if np.isnan(ratio) else f"{100.0 * ratio:.1f} %"
 
 
-def main() -> None:
-    """Print the table."""
-    if len(sys.argv) != 2 or not sys.argv[1].isdigit() or not int(sys.argv[1]):
-        sys.exit(__doc__)
-    found = together(of_robot(task) for task in product(range(int(sys.argv[1])), CAMERAS, LIGHTS))
-    print(" | ".join(COLUMNS))
-    for camera, name in product(CAMERAS, LIGHTS):
-        print(" | ".join(_row(camera, name, found)))
-    print(_NOTE)
+def light(seeds: int) -> ExperimentResult:
+    """Every light on a robot a seed of each camera."""
+    found = gathered(of_robot, list(product(range(seeds), CAMERAS, LIGHTS)), "robots and lights")
+    worst = [
+        f"{camera} {100.0 * min(_ratio(camera, name, found) for name in LIGHTS):.1f} %, "
+        f"{100.0 * min(_sum(found[name, camera]).precision for name in LIGHTS):.1f} %"
+        for camera in CAMERAS
+    ]
+    return ExperimentResult(
+        "What is found of the paint under every light of the simulator",
+        COLUMNS,
+        [_row(camera, name, found) for camera, name in product(CAMERAS, LIGHTS)],
+        Headline("worst light: recall of lines against that under lamps, precision", NONE, "; ".join(worst)),
+        (_NOTE,),
+        (("lines", _picture(found)),),
+    )
 
 
-if __name__ == "__main__":
-    main()
+def _ratio(camera: str, name: str, found: Mapping[tuple[str, str], Sequence[Found]]) -> float:
+    """Recall against that under lamps."""
+    return _sum(found[name, camera]).recall / _sum(found["lamps", camera]).recall
+
+
+def _picture(found: Mapping[tuple[str, str], Sequence[Found]]) -> Figure:
+    figure, axes = new_figure(1, 2, (7.2, 3.4), CAMERAS, ("%", ""))
+    heights = np.arange(len(LIGHTS))[::-1]
+    for each, camera in zip(axes, CAMERAS, strict=True):
+        recalls = [100.0 * _ratio(camera, name, found) for name in LIGHTS]
+        precisions = [100.0 * _sum(found[name, camera]).precision for name in LIGHTS]
+        each.plot(recalls, heights, "o", color=BLUE, label="recall, of that under lamps")
+        each.plot(precisions, heights, "s", color=RED, label="precision")
+        each.set_yticks(heights, list(LIGHTS) if camera == CAMERAS[0] else [])
+        each.set_xlim(75.0, 105.0)
+    axes[1].legend(fontsize=7)
+    return figure

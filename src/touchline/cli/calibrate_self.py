@@ -1,0 +1,248 @@
+"""`touchline calibrate self`: a camera corrected by the lines of play, of a recording or of a robot that runs."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from touchline.cli.console import announce_compiling, errors_console
+from touchline.cli.interrupts import interruptible
+from touchline.cli.live import (
+    PORT,
+    Address,
+    BeyondMachine,
+    ByBridge,
+    ByDds,
+    ByRclpy,
+    ByZenoh,
+    LinkChoice,
+    Namespace,
+    Topics,
+    as_namespace,
+    open_link,
+    refuse_of_other_link,
+)
+from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
+from touchline.cli.options import BagBase, FollowLinks, StartPose, bag_options
+from touchline.errors import InputError, NoFitError
+
+if TYPE_CHECKING:
+    from touchline.calibration.self_calibration import SelfCalibration
+    from touchline.calibration.self_perspective import PerspectiveSelfCalibration, PerspectiveView
+    from touchline.camera import Camera, OmniCamera
+    from touchline.field import FieldModel
+    from touchline.live.heard import Published
+    from touchline.localizer import Localizer
+    from touchline.sources import Recording
+    from touchline.systems.touchline import Touchline
+    from touchline.types import Estimate, Frame, ImageArray
+
+
+class _Seen(NamedTuple):
+    """What a run has seen: estimates of a mirror's images, views of a perspective camera's; head_moves: whether the
+    camera's own pose came with images.
+    """
+
+    name: str
+    camera: Camera | None
+    field: FieldModel
+    estimates: list[Estimate]
+    views: list[PerspectiveView]
+    system: Touchline | None = None
+    head_moves: bool = False
+
+
+def calibrate_self(
+    output: NewFile,
+    recording: Annotated[
+        Path | None,
+        typer.Argument(metavar="[RECORDING]", help="A robot that moves about on the field; none: one that runs."),
+    ] = None,
+    picture: NewPicture = None,
+    follow_links: FollowLinks = False,
+    field: Annotated[str | None, typer.Option(metavar="NAME|FILE", help="Of a running robot: the field.")] = None,
+    camera: Annotated[Path | None, typer.Option(help="Of a running robot: its camera.yaml.")] = None,
+    seconds: Annotated[float, typer.Option(min=1.0, help="Of a running robot: for so long.")] = 20.0,
+    start: StartPose = None,
+    dds: ByDds = False,
+    zenoh: ByZenoh = False,
+    rclpy: ByRclpy = False,
+    bridge: ByBridge = None,
+    topics: Topics = None,
+    base: BagBase = None,
+    namespace: Namespace = "",
+    network: BeyondMachine = False,
+    udp: Address = None,
+) -> None:
+    """Write a camera.yaml corrected by the lines that a robot sees in play: a mirror's lean, centre and ranges, or a
+    perspective camera's roll, pitch, height and focal length.
+    """
+    ros = {"--dds": dds, "--zenoh": zenoh, "--rclpy": rclpy, "--bridge": bridge is not None}
+    refuse_of_other_link(ros, {"--udp": udp}, {"--topic": topics, "--base": base, "--namespace": namespace}, network)
+    runs = any(ros.values()) or udp is not None
+    if runs == (recording is not None):
+        raise InputError("calibrate self takes a RECORDING, or a running robot by --dds, --zenoh, --bridge or --udp")
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
+    if recording is not None:
+        from touchline.sources import open_source
+
+        seen = _of_recording(open_source(recording, follow_links))
+    else:
+        if field is None:
+            raise InputError("--field: is needed of a running robot")
+        from touchline.localizer import Localizer
+
+        named = bag_options(topics, None, None, None).topics
+        namespace = as_namespace(namespace)
+        here = LinkChoice(ros, named, base, 0.0, namespace, network, bridge, udp or str(PORT), str(PORT + 1))
+        localizer = Localizer(field, camera)
+        _begin(localizer, start)
+        seen = _of_robot(localizer, here, seconds)
+    try:
+        text, words, drawn = _calibrated(seen)
+    except NoFitError as error:
+        raise NoFitError(f"{seen.name}: not calibrated: {error}") from None
+    write_pair(output, text, picture, drawn, words)
+
+
+def _begin(localizer: Localizer, start: str | None) -> None:
+    """The start that was given, if one was."""
+    from touchline.api import checked_prior
+    from touchline.cli.run import parse_pose
+    from touchline.types import Prior
+
+    if start is not None:
+        localizer.reset(checked_prior(Prior(parse_pose(start)), localizer.field).pose)
+
+
+def _take(seen: _Seen, system: Touchline, frame: Frame, estimate: Estimate) -> _Seen:
+    """With one more image."""
+    from touchline.calibration.self_perspective import perspective_view
+    from touchline.camera import PerspectiveCamera
+
+    if not isinstance(seen.camera, PerspectiveCamera):
+        seen.estimates.append(estimate)
+        return seen
+    view = perspective_view(system, frame, estimate)
+    if view is not None:
+        seen.views.append(view)
+    return seen._replace(system=system, head_moves=seen.head_moves or frame.base_from_camera is not None)
+
+
+def _of_recording(source: Recording) -> _Seen:
+    from touchline.evaluation.runner import robot_setup
+    from touchline.systems import open_system
+    from touchline.systems.touchline import Touchline
+
+    system = open_system("touchline", robot_setup(source))
+    assert isinstance(system, Touchline)
+    seen = _Seen(source.name, source.camera, source.field, [], [])
+    for frame in source:
+        seen = _take(seen, system, frame, system.step(frame))
+    return seen
+
+
+def _of_robot(localizer: Localizer, choice: LinkChoice, seconds: float) -> _Seen:
+    """What a running robot sees for so long, or until Ctrl-C."""
+    from touchline.live.loop import LiveLoop
+    from touchline.systems.touchline import Touchline
+
+    taken = [_Seen("the robot", localizer.camera, localizer.field, [], [])]
+
+    def take(published: Published) -> None:
+        system, frame = localizer.system, published.frame
+        if frame is not None and isinstance(system, Touchline):
+            taken[0] = _take(taken[0]._replace(camera=localizer.camera), system, frame, published.estimate)
+
+    console = errors_console()
+    console.print(f"looks for {seconds:g} s: let the robot walk about; Ctrl-C ends it earlier")
+    ends_s = time.monotonic() + seconds
+    with (
+        closing(open_link(choice, localizer)) as link,
+        announce_compiling(console.print),
+        interruptible() as stop,
+    ):
+        loop = LiveLoop(link, localizer, take)
+        loop.run(lambda: stop() or time.monotonic() > ends_s)
+        if not loop.counts["images"]:
+            raise NoFitError(f"the robot: nothing came that could be looked at: {link.around()}")
+    return taken[0]
+
+
+def _calibrated(seen: _Seen) -> tuple[str, str, ImageArray]:
+    """camera.yaml, what to say, and the picture."""
+    from touchline.camera import PerspectiveCamera
+
+    return _perspective(seen) if isinstance(seen.camera, PerspectiveCamera) else _mirror(seen)
+
+
+def _mirror(seen: _Seen) -> tuple[str, str, ImageArray]:
+    from touchline.calibration.self_calibration import calibrate_self as fit
+    from touchline.calibration.self_calibration import spread_views
+    from touchline.calibration.strip_recording import camera_yaml
+    from touchline.camera import require_omni
+    from touchline.view.calibration import self_picture
+
+    if seen.camera is None:
+        raise InputError("no camera is known: --camera names its camera.yaml, which is corrected")
+    camera = require_omni(seen.camera, "calibrate self corrects")
+    found = fit(spread_views(seen.estimates), camera, seen.field)
+    words = _mirror_words(found, seen.name)
+    return camera_yaml(found.camera, words), words, self_picture(found, seen.field)
+
+
+def _perspective(seen: _Seen) -> tuple[str, str, ImageArray]:
+    """The same of a perspective camera."""
+    from touchline.calibration.perspective import perspective_yaml
+    from touchline.calibration.self_calibration import require_views
+    from touchline.calibration.self_perspective import calibrate_self_perspective, evenly
+    from touchline.camera import PerspectiveCamera
+    from touchline.view.calibration import self_picture
+
+    assert isinstance(seen.camera, PerspectiveCamera)
+    require_views(len(seen.views))
+    assert seen.system is not None
+    found = calibrate_self_perspective(evenly(seen.views), seen.camera, seen.system.registration)
+    words = _perspective_words(found, seen.camera.fx, seen.name)
+    if seen.head_moves:
+        words += (
+            "\ncamera_pose.csv places this camera in every image: roll, pitch and height need the same correction there"
+        )
+    return perspective_yaml(found.camera, words), words, self_picture(found, seen.field)
+
+
+def _mirror_words(found: SelfCalibration[OmniCamera], name: str) -> str:
+    """What was found, and how sure it is."""
+    import math
+
+    from touchline.localization.camera_errors.mirror_response import HEIGHT_M
+
+    errors, sure = found.shared, found.camera.uncertainty
+    lean_deg = math.degrees(0.5 * HEIGHT_M * math.hypot(errors[0], errors[1]))
+    return (
+        f"touchline calibrate self {name}: {len(found.poses[0])} images\n"
+        f"points on lines: {100 * found.before[0]:.0f} % before, {100 * found.after[0]:.0f} % after\n"
+        f"mirror: leans by {lean_deg:.2f} ± {sure.tilt_deg:.2f} degrees, centre {errors[2]:+.1f}, {errors[3]:+.1f} ± "
+        f"{sure.center_px:.1f} px (ahead, left), ranges {100 * errors[4]:+.1f} ± {100 * sure.range_ratio:.1f} %"
+    )
+
+
+def _perspective_words(found: PerspectiveSelfCalibration, focal_px: float, name: str) -> str:
+    import math
+
+    roll, pitch, height, _ = found.shared.tolist()
+    sure = found.deviations
+    return (
+        f"touchline calibrate self {name}: {len(found.poses[0])} images\n"
+        f"lines, crossings and landmarks where they belong: {100 * found.before[0]:.0f} % before, "
+        f"{100 * found.after[0]:.0f} % after\n"
+        f"the camera leans by {math.degrees(roll):+.2f} ± {math.degrees(sure[0]):.2f} degrees of roll and "
+        f"{math.degrees(pitch):+.2f} ± {math.degrees(sure[1]):.2f} degrees of pitch more than its file said, height "
+        f"{100 * height:+.1f} ± {100 * sure[2]:.1f} %, focal length {found.camera.fx:.1f} px ± {100 * sure[3]:.1f} %, "
+        f"was {focal_px:.1f}\n"
+        f"roll and pitch err by {math.degrees(found.lean_rad):.2f} degrees in each image besides"
+    )
