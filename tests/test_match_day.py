@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import socket
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -364,6 +366,35 @@ def test_a_message_counts_once_and_a_sender_does_not_fill_the_queue() -> None:
         localizer.add_evidence("keeper", 0.9, own_half=True)
     sources = [one.source for one in localizer._said]
     assert (len(sources), sources.count("keeper"), sources.count("mate")) == (100, 4, 2)
+
+
+@pytest.mark.parametrize("waits", [0, 3])
+def test_images_that_wait_for_the_processor_are_no_clock_that_was_set(waits: int) -> None:
+    """The samples that came while they waited are the next ones'."""
+    localizer, place, waiting = Localizer("msl-18x12"), Pose(-3.0, 1.0, 0.0), []
+    localizer.reset(place)
+    for k in range(40):
+        there = Pose(place.x + 0.12 * k, 1.0, 0.0)
+        localizer.add_odometry(100_000_000 * k, 0.12 * k, 0.0, 0.0)
+        waiting.append((100_000_000 * k, seen(there, k), there, localizer.samples_come))
+        if k > 10 + waits or k < 10:
+            stamp_ns, points, truth, samples = waiting.pop(0)
+            estimate = localizer.localize(stamp_ns, points=points, samples=samples)
+            assert estimate.status is Status.TRACKING
+            assert errors(estimate, truth)[0] < 0.1
+
+
+def test_a_team_turns_the_robot_that_was_given_the_wrong_end() -> None:
+    path = Path(__file__).parents[1] / "examples" / "three_robots.py"
+    spec = importlib.util.spec_from_file_location("three_robots", path)
+    assert spec is not None
+    assert spec.loader is not None
+    example = importlib.util.module_from_spec(spec)
+    sys.modules["three_robots"] = example  # where its named tuple looks
+    spec.loader.exec_module(example)
+    off_m = example.play(flipped=1, seconds=12.0)
+    assert off_m[1][2] > 1.0
+    assert all(errors_m[-1] < 0.3 for errors_m in off_m)
 
 
 def test_datagrams_of_the_team_and_the_referee() -> None:

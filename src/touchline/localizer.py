@@ -208,6 +208,11 @@ class Localizer:
             self._system, self._history = OrderedSystem(made, self._prior), made.history
             self._ahead, self._last = copy.deepcopy(made.history), None
 
+    @property
+    def samples_come(self) -> int:
+        """So many samples of sensors have come until now."""
+        return self._pending.come
+
     def localize(
         self,
         stamp_ns: int,
@@ -215,13 +220,14 @@ class Localizer:
         points: FloatArray | Sequence[Sequence[float]] | LinePoints | None = None,
         observation: Observation | None = None,
         base_from_camera: Pose3 | None = None,
+        samples: int | None = None,
     ) -> Estimate:
         """Where the robot stood when an image was taken, by the image and all samples that have come until now.
 
         image: uint8 (H, W, 3), BGR. points: on lines, (N, 2) in the robot frame (m), or with covariances. observation:
         all that a detector of the robot's own found. Of several that are given, an observation is taken before points,
         and points before an image. base_from_camera: the pose of the camera body in the base frame, of a head that
-        moves.
+        moves. samples: of an image that has waited, the `samples_come` of when it came; later ones are for the next.
 
         An image up to a second older than the newest is left out: the last estimate is returned, searching. So is one
         that is older still or far ahead, until the next image confirms it. If that is older, too, the clock was set
@@ -241,7 +247,7 @@ class Localizer:
                 evidence=_taken(self._said),
                 game=_taken(self._states),
             )
-            self.frame = _with_samples(frame, self._pending.take())
+            self.frame = _with_samples(frame, self._pending.take(samples))
             return self._finished(self._step(self.frame))
 
     def pose(self, stamp_ns: int) -> Estimate:
@@ -448,31 +454,34 @@ class _Queue:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._rows = {sensor: deque[tuple[int, tuple[float, ...]]](maxlen=_MAX_SAMPLES) for sensor in _SENSORS}
+        self._rows = {sensor: deque[tuple[int, int, tuple[float, ...]]](maxlen=_MAX_SAMPLES) for sensor in _SENSORS}
+        self.come = 0
 
     def put(self, sensor: str, stamp_ns: int, row: tuple[float, ...]) -> None:
         """Add a sample. Of states that come more often than anybody needs, the newest takes the place of the last."""
         with self._lock:
+            self.come += 1
             waiting = self._rows[sensor]
             if len(waiting) > 1 and sensor != "gyro":
-                before_ns, last_ns = waiting[-2][0], waiting[-1][0]
+                before_ns, last_ns = waiting[-2][1], waiting[-1][1]
                 if before_ns < last_ns < stamp_ns < before_ns + _STATE_NS:
                     waiting.pop()
-            waiting.append((stamp_ns, row))
+            waiting.append((self.come, stamp_ns, row))
 
-    def take(self) -> dict[str, Samples]:
-        """All that waits, by sensor."""
+    def take(self, until: int | None = None) -> dict[str, Samples]:
+        """What waits, by sensor: all, or the first so many that have ever come."""
+        found: dict[str, Samples] = {}
         with self._lock:
-            rows = {sensor: list(waiting) for sensor, waiting in self._rows.items() if waiting}
-            for waiting in self._rows.values():
-                waiting.clear()
-        return {
-            sensor: Samples(
-                np.array([stamp_ns for stamp_ns, _ in taken], dtype=np.int64),
-                np.array([row for _, row in taken], dtype=np.float64).reshape(-1, _SENSORS[sensor]),
-            )
-            for sensor, taken in rows.items()
-        }
+            until = self.come if until is None else until
+            for sensor, waiting in self._rows.items():
+                taken = []
+                while waiting and waiting[0][0] <= until:
+                    taken.append(waiting.popleft())
+                if taken:
+                    stamps = np.array([stamp_ns for _, stamp_ns, _ in taken], dtype=np.int64)
+                    rows = np.array([row for _, _, row in taken], dtype=np.float64)
+                    found[sensor] = Samples(stamps, rows.reshape(-1, _SENSORS[sensor]))
+        return found
 
 
 class _Counts:

@@ -55,7 +55,7 @@ class LiveLoop:
             "compass": localizer.add_compass,
             "attitude": localizer.add_attitude,
         }
-        self._waiting: deque[Sight] = deque()
+        self._waiting: deque[tuple[Sight, int]] = deque()  # each with how many samples came before it
         self._steps_s: deque[float] = deque(maxlen=_REMEMBERED)
         self._arrivals_s: deque[float] = deque(maxlen=_REMEMBERED)
         self._changed = threading.Condition()
@@ -103,10 +103,10 @@ class LiveLoop:
             with self._changed:
                 self.counts["images"] += 1
                 self._arrivals_s.append(heard.arrived_s)
-                self._waiting.append(heard)
+                self._waiting.append((heard, self._localizer.samples_come))
                 if len(self._waiting) > (_MAX_WAITING if self._keeps_up() else 1):
                     self.counts["dropped"] += len(self._waiting) - 1
-                    self._waiting = deque([heard])
+                    self._waiting = deque([self._waiting[-1]])
                 self._changed.notify()
 
     def _keeps_up(self) -> bool:
@@ -144,13 +144,14 @@ class LiveLoop:
                 self._changed.wait_for(lambda: self._ended or len(self._waiting) > 0)
                 if self._ended:
                     return
-                sight = self._waiting.popleft()
+                sight, samples = self._waiting.popleft()
             begun_s = time.monotonic()
             estimate = self._localizer.localize(
                 sight.stamp_ns,
                 image=_pixels(sight),
                 observation=sight.observation,
                 base_from_camera=sight.base_from_camera,
+                samples=samples,
             )
             now_s = time.monotonic()
             self._steps_s.append(now_s - begun_s)
