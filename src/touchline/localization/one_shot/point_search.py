@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from touchline.field import FieldModel
@@ -42,12 +45,19 @@ class PointSearch:
         spreads = variances[:, np.newaxis, np.newaxis] * np.eye(2)
         fits = self._registration.register_all(points, spreads, starts, self._plan)
         poses = [as_pose(pose) for pose in fits.poses]
-        return sorted(((pose, self.error(points, weights, pose)) for pose in poses), key=lambda found: found[1])
+        return sorted(zip(poses, self.errors(points, weights, poses), strict=True), key=lambda found: found[1])
 
     def error(self, points: FloatArray, weights: FloatArray, pose: Pose) -> float:
         """Mean of e(d) of points (N, 2) with weights (N,) that sum to 1."""
-        squares = np.square(self.map.look_up(pose.transform(points))[0])
-        return float(weights @ (squares / (squares + C_M**2)))
+        return self.errors(points, weights, [pose])[0]
+
+    def errors(self, points: FloatArray, weights: FloatArray, poses: Sequence[Pose]) -> list[float]:
+        """The same at each of some poses."""
+        placed = [(pose.x, pose.y, math.cos(pose.heading), math.sin(pose.heading)) for pose in poses]
+        (at_x, at_y, cosine, sine), (x, y) = np.array(placed).T[:, :, np.newaxis], points.T
+        there = np.stack((at_x + cosine * x - sine * y, at_y + sine * x + cosine * y), axis=-1)
+        squares = np.square(self.map.look_up(there.reshape(-1, 2))[0]).reshape(len(poses), -1)
+        return [float(weights @ errors) for errors in squares / (squares + C_M**2)]
 
     def moments(self, points: FloatArray, weights: FloatArray, pose: Pose) -> Moments:
         """What each point's error says about the accuracy of a pose."""
