@@ -15,17 +15,42 @@ from touchline.systems import SYSTEMS
 RUN = [sys.executable, "-m", "touchline"]
 
 
-def test_compile_names_every_system_and_leaves_nothing_to_compile(tmp_path: Path, small_data: Path) -> None:
+WATCHED = """
+import sys
+from numba.core import event
+class Listener(event.Listener):
+    def on_start(self, event):
+        function = event.data["dispatcher"].py_func
+        if function.__module__.startswith("touchline"):
+            print("COMPILED", function.__module__, function.__qualname__, event.data["args"], file=sys.stderr)
+    def on_end(self, event): ...
+with event.install_listener("numba:compile", Listener()):
+    from touchline.cli import main
+    main()
+"""
+EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+
+
+def test_after_compile_nothing_is_left_to_compile(tmp_path: Path, small_data: Path) -> None:
     done = subprocess.run([*RUN, "compile"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert [name for name in SYSTEMS if f"{name}: ready after" not in done.stdout] == []
-    example = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-    walk = [str(small_data / "humanoid_9x6_walk"), "--start=-2.6,-1.2,2.84"]
-    for system, recording in (("nubot-mti", [str(example)]), ("nimbro-lines", walk), ("touchline", walk)):
-        wanted = ["run", *recording, "--system", system, "-o", str(tmp_path / system)]
-        ran = subprocess.run([*RUN, *wanted], capture_output=True, text=True)
-        assert ran.returncode == 0, ran.stderr
-        assert "compiling" not in ran.stderr
+    walk, points = small_data / "humanoid_9x6_walk", tmp_path / "points"
+    image = next((EXAMPLE / "images").iterdir())
+    simulated = subprocess.run(
+        [*RUN, "simulate", "match", "--level", "points", "--seconds", "3", "-o", str(points)], capture_output=True
+    )
+    assert simulated.returncode == 0
+    runs = [(name, EXAMPLE if "omni" in info.cameras else walk) for name, info in SYSTEMS.items()]
+    runs += [("touchline", walk), ("touchline", points), ("nubot-mti", points)]
+    commands = [["check", str(EXAMPLE)], ["check", str(walk)], ["bench", str(EXAMPLE)]]
+    commands += [["locate", str(image), "--camera", str(EXAMPLE / "camera.yaml"), "--field", "msl-18x12"]]
+    for number, (system, recording) in enumerate(runs):
+        commands += [["run", str(recording), "--system", system, "-o", str(tmp_path / str(number))]]
+    for command in commands:
+        ran = subprocess.run([sys.executable, "-c", WATCHED, *command], capture_output=True, text=True)
+        assert "Traceback" not in ran.stderr, (command, ran.stderr)
+        assert [line for line in ran.stderr.splitlines() if line.startswith("COMPILED")] == [], command
 
 
 def test_a_first_start_says_once_what_it_waits_for() -> None:

@@ -41,7 +41,7 @@ def compile_loops(
         examples = [("omni", _run_example), ("pinhole", _walk_example)]
         wanted = [example for model, example in examples if model in info.cameras]
         steps += [(name, partial(_each, wanted, name))]
-    steps += [("locate", _locate_example)]
+    steps += [("locate", _locate_example), ("check", _check_example)]
     steps += [("simulator", _render_example)] if simulator or everything else []
     steps += [("calibrations", _calibrate_example)] if everything else []
     for number, (name, example) in enumerate(steps, 1):
@@ -166,6 +166,14 @@ def _locate_example() -> None:
     from touchline.localization.one_shot.locate import locate_points
 
     locate_points(_view(), open_field("msl-18x12"))
+
+
+def _check_example() -> None:
+    from touchline.checks.check import check_recording
+    from touchline.cli.run import example_recording
+    from touchline.sources import open_source
+
+    check_recording(open_source(example_recording()))
 
 
 def _view() -> FloatArray:
