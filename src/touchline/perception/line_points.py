@@ -62,7 +62,6 @@ MIN_SIGMAS = 4.0
 # least cosine between a line's excess over its green and white's: tinted light changes it little, a ball or a marker
 # fails it
 MIN_WHITENESS = 0.8
-FLANK_PX = 4  # length of the green wanted on both sides of a line: averages noise, fits between two lines
 MAX_RUN_PX = 60  # longest way from green through white to green: twice what a line at the robot's foot takes
 # longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter
 STEEPEST_CROSSING = 2.2
@@ -270,7 +269,6 @@ class LinePointDetector:
         lines, s, camera = self.scan_lines, self.settings, self.camera
         limits = ProfileLimits(
             min_contrast=max(s.min_contrast, MIN_SIGMAS * self._noise),
-            flank_px=FLANK_PX,
             max_run_px=MAX_RUN_PX,
             min_chord_m=0.5 * self.line_width_m,
             max_chord_m=STEEPEST_CROSSING * self._paint_m,

@@ -16,6 +16,7 @@ from touchline.camera.omni import ground_from_pixel
 from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
 from touchline.perception.path_samples import BODY, LEVEL, PathSamples
 
+FLANK_PX = 4  # length of the green wanted on both sides of a line: averages noise, fits between two lines
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
 HALVINGS = 4
 BLOCK = (
@@ -55,14 +56,13 @@ def dim_carpet(model: ColourModel) -> DimCarpet:
 class ProfileLimits(NamedTuple):
     """What the profile of a line has to be like: `LinePointSettings` for this paint and this noise.
 
-    min_contrast: height as a share of white over green. flank_px: green on each side. max_run_px: from green to green.
+    min_contrast: height as a share of white over green. max_run_px: from green to green.
     min_chord_m, max_chord_m: way through the paint, which blur_px may make longer. min_cosine: of the excess to white.
     carpet: its green, to know carpet that is too dark for the colour classes. dark_floor: whether a line may have
     darker floor instead of carpet on one side.
     """
 
     min_contrast: float
-    flank_px: int
     max_run_px: int
     min_chord_m: float
     max_chord_m: float
@@ -75,7 +75,7 @@ class ProfileLimits(NamedTuple):
 @njit(cache=True, error_model="numpy", inline="always")
 def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
     """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
-    count, carpet = limits.flank_px, limits.carpet
+    count, carpet = FLANK_PX, limits.carpet
     level = blue = green = red = 0.0
     for m in range(count):
         k = first + step * m
@@ -92,14 +92,14 @@ def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _flank(values, classes, first, step, count):  # type: ignore[no-untyped-def]
-    """Mean level and B, G, R of those of `count` samples from `first` on, walking by `step`, that are green.
+def _flank(values, classes, first, step):  # type: ignore[no-untyped-def]
+    """Mean level and B, G, R of those of `FLANK_PX` samples from `first` on, walking by `step`, that are green.
 
     A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
     """
     number, level, darkest, brightest = 0, 0.0, np.inf, 0.0
     blue = green = red = 0.0
-    for m in range(count):
+    for m in range(FLANK_PX):
         k = first + step * m
         if classes[k] != GREEN:
             continue
@@ -118,25 +118,25 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
     The first flank that lies low enough below the peak, moved on while blur still lets it fall. In a flank of
-    `flank_px` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
+    `FLANK_PX` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
     the scan line, and the first beyond it.
     """
-    top, count = values[LEVEL, peak], limits.flank_px
+    top, count = values[LEVEL, peak], FLANK_PX
     least, dim = 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
-    foot, base, steps, number = -1, np.inf, 0, 0
+    foot, base, steps = -1, np.inf, 0
     found_blue = found_green = found_red = 0.0
-    for m in range(count if room > 0 else 0):
-        number += classes[peak + step * m] == GREEN
     for m in range(1, min(limits.max_run_px + 1, room) + 1):
         k = peak + step * m
-        number += (classes[k + step * (count - 1)] == GREEN) - (classes[k - step] == GREEN)  # the flank moves on
         if foot < 0 and m >= limits.max_run_px:
             break
         if foot < 0 and top - values[LEVEL, k] < least:
             continue
+        number = 0
+        for n in range(count):
+            number += classes[k + step * n] == GREEN
         if number * 4 >= count * 3:
-            level, blue, green, red = _flank(values, classes, k, step, count)
+            level, blue, green, red = _flank(values, classes, k, step)
             total, carpet = blue + green + red, limits.carpet  # in little light the noise makes single greys green
             if total < _DUSK * dim and np.hypot(blue / total - carpet.blue, red / total - carpet.red) > carpet.palest:
                 level = np.nan
@@ -161,7 +161,7 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
 
     What contrasts with both is a line: the level of its foot is that of the darkest of three flanks.
     """
-    top, count = values[LEVEL, peak], limits.flank_px
+    top, count = values[LEVEL, peak], FLANK_PX
     carpet = beside[0] + beside[1] + beside[2]
     foot, base, steps = -1, np.inf, 0
     blue = green = red = 0.0
@@ -349,7 +349,7 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
     path (N, 2), starts, closed: ScanLines. samples: PathSamples. paint: green and white (3,), learned. limits:
     ProfileLimits. camera: constants, bearings, ranges of the OmniCamera's look-up.
     """
-    values, classes, count = samples.values, samples.classes, limits.flank_px
+    values, classes, count = samples.values, samples.classes, FLANK_PX
     green, white = paint
     toward = white - green
     constants, bearings, ranges = camera
