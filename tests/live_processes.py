@@ -29,18 +29,3 @@ def test_killed_in_the_middle_a_new_process_relocalises_and_goes_on() -> None:
     assert off_m < 0.1
     last = list(played.answers)[-100:]
     assert np.median([live.off_m(played, stamp) for stamp in last]) < 0.03
-
-
-def test_killed_in_play_it_goes_on_at_its_end_within_a_second_of_its_first_image() -> None:
-    """Told where it began once, without a compass: the end of the field is known by its state alone."""
-    live = benchmark()
-    trouble = live.Trouble(kill_at_s=5.0, start=True, state=True)
-    played = live.play(seconds=45.0, rate_hz=10.0, system="touchline", trouble=trouble)
-    again = live.tracking_again(played, played.killed_s)
-    assert again is not None
-    _, after_s, off_m = again
-    assert after_s < 1.0
-    assert off_m < 0.1
-    last = [stamp for stamp in list(played.answers)[-50:] if played.answers[stamp]["status"] == "tracking"]
-    assert len(last) > 25
-    assert max(live.off_m(played, stamp) for stamp in last) < 0.3
