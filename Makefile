@@ -22,7 +22,7 @@ style: $(VENV)/installed
 
 # Once, not in each of the tests' processes.
 loops: $(VENV)/installed
-	$(BIN)/touchline compile --simulator
+	$(BIN)/touchline compile --all
 
 tests: loops
 	$(PYTEST)
