@@ -37,7 +37,7 @@ from touchline.types import Estimate
 
 OWN = "touchline"
 OTHERS = {MIRROR: ("nubot-mti", "nubot-mcl", "iris-fusion"), FEATURES: ("nimbro-lines",), CLOUD: ()}
-ROBOTS_OF_SEED, FIRST_SEED = 2, 4000  # robots of which no threshold is: those have the seeds from 1000 on
+ROBOTS_OF_SEED, FIRST_SEED = 2, 6000  # robots of which no threshold is: those have the seeds from 1000 on
 FEWER, OTHERS_AT = 5, 1  # one robot in so many for the other systems, and for each pair; where the others begin
 PAIRS = {MIRROR: 70, FEATURES: 30}
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)

@@ -22,7 +22,9 @@ from touchline.motion import MotionHistory
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
-AT_FIRST = np.array([0.08, 0.08, 0.08, 0.06])  # their standard deviations, as a robot is built
+AT_FIRST = np.array([0.08, 0.15, 0.15, 0.09])  # their standard deviations, as a robot is built
+HEAD_M = 0.05  # of a humanoid's camera in the place of the displacement above
+BLIND_LATE_S = 0.06  # of a delay that was refuted as the explanation of what contradicts
 DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
 UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
 VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
@@ -124,8 +126,17 @@ class ConstantOffsets:
         while self._waiting and not (comes and self._waiting[0].stamp_ns > odometry.last_ns + COVERED_NS):
             self._take(self._waiting.pop(0), history, steps)
 
+    def blind(self, velocity: FloatArray) -> None:
+        """The odometry is wrong: what it told of the camera says nothing. velocity (3,): by images, robot frame."""
+        self.reset()
+        self._joint[LATE, LATE] = BLIND_LATE_S**2
+        self._velocity = velocity
+
     def _take(self, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> None:
         before_ns, self._stamp_ns = self._stamp_ns, sighting.stamp_ns
+        if before_ns is None and steps.walks:  # kinematics tell where a head is
+            for axis in (AHEAD, AHEAD + 1):
+                self._joint[axis, axis] = min(self._joint[axis, axis], HEAD_M**2)
         if not len(history.odometry.samples):
             return
         seconds = math.inf if before_ns is None else max(1e-9 * (sighting.stamp_ns - before_ns), 0.01)

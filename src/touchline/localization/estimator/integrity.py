@@ -37,7 +37,7 @@ SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with whi
 CHANCE_EVERY = 3  # images in which the chance level is found once
 MIN_SHARE_NOW, MIN_SHARE_JUMPED = 0.6, 0.75  # of the newest few images; after a jump of the pose
 JUMP_M = 0.25  # of the pose, after which that holds for some images
-MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
+MIN_SHARE = 0.68  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
 CAMERA, CAMERA_EVERY = "camera", 200  # the statistic that names a problem and distrusts nothing: the error is learned
@@ -234,7 +234,7 @@ class Integrity:
             if self.verdict.odometry:
                 self.offsets.update(sighting, history, bank.steps, late_s)
             else:  # what a wrong odometry told of the camera says nothing
-                self.offsets.reset()
+                self.offsets.blind(self._velocity)
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples)
         self._confirm(jump, len(history.odometry.samples) > 0)

@@ -452,7 +452,7 @@ class MotionRelation:
     @property
     def is_explained(self) -> bool:
         """Whether one explanation accounts for what contradicts."""
-        return self.gain > NAMED_GAIN and self._left < MAX_LEFT
+        return self.gain > (NAMED_GAIN if self._left < MAX_LEFT else MAX_GAIN)
 
     def suspect(self, index: int, parameter: float) -> None:
         """Take a fault to last until the motion refutes it."""
