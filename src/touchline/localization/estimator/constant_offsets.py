@@ -22,7 +22,7 @@ from touchline.motion import MotionHistory
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
-AT_FIRST = np.array([0.08, 0.15, 0.15, 0.09])  # their standard deviations, as a robot is built
+AT_FIRST = np.array([0.08, 0.15, 0.15, 0.08])  # their standard deviations, as a robot is built
 HEAD_M = 0.05  # of a humanoid's camera in the place of the displacement above
 BLIND_LATE_S = 0.06  # of a delay that was refuted as the explanation of what contradicts
 DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second

@@ -21,6 +21,7 @@ from touchline.localization.camera_errors.base import CameraErrors
 from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, could_be_shove
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.localization.estimator.integrity import MAX_LATE_M, MIN_SHARE_NOW, Integrity, Jump
+from touchline.localization.estimator.safeguard import MAX_LOST_S
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.registration.covariance import ANYWHERE
@@ -86,7 +87,6 @@ class Monitor:
         """
         seen, start_s = estimate.observation, time.perf_counter()
         if estimate.status is not Status.TRACKING or seen is None:
-            self._before = None
             return estimate
         image = Image(seen_of(seen, self.features, self.bank.statistics.noise), self.errors.response(frame))
         if len(image.seen.positions_m) >= MIN_POINTS or len(image.seen.raw_m):
@@ -115,7 +115,7 @@ class Monitor:
         self.bank.register(image)
         self.bank.update(image, (), ())
         predicted = None
-        if before is not None:
+        if before is not None and estimate.stamp_ns - before.stamp_ns < 1e9 * MAX_LOST_S:
             predicted = before.pose.compose(history.between(before.stamp_ns, estimate.stamp_ns).pose)
         elsewhere = predicted is None or not could_be_shove(pose.as_array() - predicted.as_array())
         jump = Jump(predicted, elsewhere)

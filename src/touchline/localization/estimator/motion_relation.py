@@ -417,6 +417,7 @@ class MotionRelation:
         gains[: len(SIGNS)] -= FREEDOM - 1.0
         gains[len(SIGNS) :] -= FREEDOM
         gains[FIRST_LAG:] -= 1.0
+        gains[GYRO] -= CLEARLY  # it says what turns otherwise, not why: a sign or a scale says more
         if not self.all_round:
             gains[BACK_TO_FRONT] -= BACKWARDS
             gains[ROTATION] -= BACKWARDS * (abs(values[ROTATION]) > 0.5 * math.pi)
