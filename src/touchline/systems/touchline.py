@@ -296,7 +296,7 @@ class Touchline:
         if best is None or self.safeguard.held is not None:
             return
         compass_rad = self._compass(frame)
-        self.end_judge.follow(self.bank, self.followed, self.predicted, compass_rad)
+        self.end_judge.follow(self.bank, self.followed, self.predicted, compass_rad, self.relocation.refereed)
         if where is not None:
             end.take_prior(where.log_odds(best.filter.pose), self.relocation.end_was_open)
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass

@@ -67,12 +67,18 @@ class EndJudge:
             return zone
         return (Known(np.array([0.0, 0.0, compass_rad]), self._information), *zone)
 
-    def follow(self, bank: Bank, followed: Member | None, predicted: FloatArray, compass_rad: float | None) -> None:
-        """Whether the likeliest pose goes on from its prediction (3,), has jumped, or was found anew."""
+    def follow(
+        self, bank: Bank, followed: Member | None, predicted: FloatArray, compass_rad: float | None, refereed: bool
+    ) -> None:
+        """Whether the likeliest pose goes on from its prediction (3,), has jumped, or was found anew. refereed: nobody
+        carries a robot without a word; found elsewhere, it was lost, and with it its end.
+        """
         best = bank.best
         assert best is not None
         if followed is None or not could_be_shove(best.filter.pose.as_array() - predicted):
+            known = refereed and followed is not None and (self.end.log_odds > CLEARLY or self.end.undecided)
             self._begin(bank, best, followed is None, compass_rad)
+            self.end.undecided |= self.end.symmetric and known and self.end.log_odds < CLEARLY
         elif best.shoved or best is not followed:
             self.end.jumped()
 

@@ -84,6 +84,11 @@ class Referee:
         self.penalty = ""
         self._last: GameState | None = None
 
+    @property
+    def speaks(self) -> bool:
+        """Whether anything has been said."""
+        return self._last is not None
+
     def update(self, said: GameState) -> tuple[Prior, ...]:
         """The priors of what has changed, in their order."""
         last, self._last = self._last, said

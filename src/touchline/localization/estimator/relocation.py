@@ -33,6 +33,11 @@ class Relocation:
         self.end_was_open = False  # before it
 
     @property
+    def refereed(self) -> bool:
+        """Whether a referee says what happens to the robot."""
+        return self._referee.speaks
+
+    @property
     def lies(self) -> bool:
         """Whether the robot lies: what it sees and measures then is not believed."""
         return self._posture.lies
