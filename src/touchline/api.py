@@ -1,7 +1,5 @@
 """The one-call level: a recording in, a run with its errors and its report out."""
 
-from __future__ import annotations
-
 import math
 import platform
 import sys

@@ -5,8 +5,6 @@ of them in one block: `paper.particles.roughening` is `roughening` in the group 
 preset `paper` is the value that turns an addition off (`added`).
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

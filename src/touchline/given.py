@@ -1,7 +1,5 @@
 """What a program gives to the public functions: taken, or refused in words that name the argument."""
 
-from __future__ import annotations
-
 import operator
 import os
 from collections.abc import Iterable

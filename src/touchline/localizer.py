@@ -4,8 +4,6 @@ A robot in a match can't be stopped by a broken message: bad data is left out, c
 next estimate. Only mistakes of the program itself (an unknown field, a start pose without numbers) raise.
 """
 
-from __future__ import annotations
-
 import copy
 import html
 import logging

@@ -3,8 +3,6 @@
 Loops and no array expressions, here and where these are used: an assignment to a slice takes seconds to compile.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

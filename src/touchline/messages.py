@@ -1,7 +1,5 @@
 """Words that messages share: counts, lists of frames, the nearest known name."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import reprlib

@@ -1,7 +1,5 @@
 """The colours of all pages and figures: those of Okabe and Ito (2008), which colour-blind eyes tell apart."""
 
-from __future__ import annotations
-
 BLUE, VERMILLION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW, BLACK = "#e69f00", "#56b4e9", "#f0e442", "#000000"
 SERIES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)

@@ -1,7 +1,5 @@
 """What `touchline calibrate colour` runs: a colour table from marked regions, or from the field itself without any."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the directions in which a strip was seen say together: bearings, wrong edges, white that is too bright."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

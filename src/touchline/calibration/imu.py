@@ -4,8 +4,6 @@ Schulz and Behnke 2012, section 4.4, equation (2) and what it leaves out (`ImuCo
 marks nor the robot's kinematics need be known.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

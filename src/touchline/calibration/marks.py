@@ -1,7 +1,5 @@
 """marks.csv: points that were marked in images, some of them of known place on the ground."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Of the recording's camera.yaml only the image size and the rough centre are read
 strips meet; handedness and mounting angle follow from the bearings at which the strip is seen where.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which line of the field a point belongs to, and on which side of it the point lies."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

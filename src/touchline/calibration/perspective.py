@@ -5,8 +5,6 @@ homography of at least four marks (Schulz and Behnke 2012, section 4.4; Criminis
 camera; without a lens it also tells the focal length, with the principal point in the middle of the image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

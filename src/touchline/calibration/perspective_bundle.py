@@ -5,8 +5,6 @@ Each image has its pose, and a lean of its own. Residuals are the distances of l
 in units of what a pixel is on the ground there; robust steps begin wide and narrow (as in `registration`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

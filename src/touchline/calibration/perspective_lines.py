@@ -4,8 +4,6 @@ Lines are found through a usual camera, cameras that may be from them (`perspect
 adjustment (`perspective_bundle`); then lines are found again with that camera, and all is fitted once more.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ each height gives the ground a scale, and the places at which the line points li
 it is. The likelihood is one of pixels: a lower camera draws all ground together, and would else seem to fit better.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Pairs of pixel radius and ground range, marked by hand (marks.csv) or found on the calibration strip."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ M. A. Ismail, D. Purwanto, A. Arifin: Soccer robot localization based on sensor 
 section II.B and figure 14, which leave the form of the regression open.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

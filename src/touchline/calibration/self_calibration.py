@@ -6,8 +6,6 @@ recording: robust Gauss-Newton steps on the distances of the line points from th
 are where it begins.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ share. Each image is registered (`registration/joint.py`), which gives its norma
 solved together, and all is done again from there. The poses of a run of the system are where it begins.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

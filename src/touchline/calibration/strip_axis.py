@@ -6,8 +6,6 @@ is not this axis's own (1 / radius). That describes the simulated mirrors to 0.0
 one), the lean 1°, the shift 2 mm.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ profiles across these edges are described in three ways, strip to carpet, strip 
 carpet to something else, and the best one tells where the strip ends.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

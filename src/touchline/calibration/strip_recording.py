@@ -1,7 +1,5 @@
 """What a calibration recording says beside its images: bearings, the rough centre, and where the ground begins."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

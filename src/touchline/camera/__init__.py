@@ -1,7 +1,5 @@
 """Pixel <-> ground: what a pixel of the camera sees on the field's floor."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ base frame's axes. `base_from_camera` places it in the base frame. Without one g
 says, on a robot that does not lean.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

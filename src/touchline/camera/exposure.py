@@ -4,8 +4,6 @@ Section 5 of Lu et al. (2013). The robot's own top is in the middle of every ima
 light has changed, and the settings are searched again. Meanwhile the robot has to stand: `ExposureControl.waiting`.
 """
 
-from __future__ import annotations
-
 import math
 from enum import StrEnum
 from typing import Protocol

@@ -5,8 +5,6 @@ in focal lengths (Kannala and Brandt 2006). There is no image plane: what is bes
 is seen as well.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Schulz and Behnke 2012, section 4.4. In this order: the pose of the camera that 
 tilts); the learned correction of the IMU, on the image of a level robot; the lean of the body under the camera's mount.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ A camera that leans by small angles sees the plane of the field through a homogr
 alone. Ours is all of it: c* = (c + C f) / (1 + C₃ f), C₃ the third row, f with pitch and roll at its end.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

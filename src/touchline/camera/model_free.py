@@ -4,8 +4,6 @@ After Voigtländer et al., as section 3.2 of Lu et al. (2013) uses it: the edges
 vectors; Lagrange interpolation gives range and bearing between them, first along the radius, then around the centre.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ A camera's own file holds its lens: pixel <-> direction in the camera body frame
 up). The first six functions here are methods of all of them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

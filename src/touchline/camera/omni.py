@@ -6,8 +6,6 @@ radii the range follows a monotone cubic, between bearings it is linear and peri
 bearings, too: a second table of the same rows may tell by how much.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar

@@ -5,8 +5,6 @@ OpenCV's optical frame. The lens moves it there, radially by k1, k2, k3 and tang
 and the principal point make a pixel of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

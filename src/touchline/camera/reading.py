@@ -1,7 +1,5 @@
 """The values of a camera.yaml, checked; every error names the file and the key."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """How sure a camera.yaml with a mirror is of what it says: its key `uncertainty`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

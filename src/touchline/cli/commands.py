@@ -1,7 +1,5 @@
 """All commands, mounted: one file per command group. Nothing heavy is imported before a command needs it."""
 
-from __future__ import annotations
-
 import os
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`touchline mark`: click points, colour regions and lines in images, on a page in the browser."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`touchline run` with many recordings: a line for each as it is done, and what the tables hold."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 

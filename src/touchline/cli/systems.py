@@ -1,7 +1,5 @@
 """`touchline systems`: what can be run, and with which settings."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

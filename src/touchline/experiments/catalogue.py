@@ -1,7 +1,5 @@
 """The catalogue of faults: which there are, on which robots they are laid, when they begin and how long they last."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Sequence

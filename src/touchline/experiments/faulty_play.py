@@ -3,8 +3,6 @@
 No figure of a paper.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ A change makes another drive of one: of the frames that are marked as wrong, and
 or besides is in clutter.py, which faults there are in catalogue.py.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

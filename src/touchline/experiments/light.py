@@ -4,8 +4,6 @@ No figure of a paper. The renderer knows where paint is: each image is rendered 
 what differs is paint, seen past robots and worn as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -4,8 +4,6 @@ No figure of a paper. Mirrors of two MSL teams, a humanoid on an SPL field with 
 frames of humanoid competitions, which nobody calibrated. Overlays go to the run's folder.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

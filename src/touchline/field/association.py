@@ -5,8 +5,6 @@ sought by position, and a coarse table holds the nearest of each set for every p
 have four sets as well; how many crossings a set has depends on the field.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from typing import NamedTuple

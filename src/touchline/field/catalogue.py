@@ -1,7 +1,5 @@
 """The fields that come with Touchline, and how a name or a path becomes a field."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from touchline.errors import InputError

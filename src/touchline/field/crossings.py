@@ -5,8 +5,6 @@ The centre circle on the halfway line makes two X, a corner arc on a touch line 
 the arc. Crossings that a circle or arc takes part in are marked as curved, so that a matcher can leave them out.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

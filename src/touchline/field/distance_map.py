@@ -1,7 +1,5 @@
 """The distance map: distance to the nearest line and its gradient, sampled on a grid for fast look-up."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

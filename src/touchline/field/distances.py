@@ -2,8 +2,6 @@
 
 `LineTables` hold the lines in the form that the loops want, computed once per field."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A drawing of the field: carpet, paint at its true width, marks, goals and poles, seen from above."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

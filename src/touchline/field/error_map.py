@@ -1,7 +1,5 @@
 """The error map: how far each place is from the nearest line, in 256 steps (Ismail et al. 2021, figure 9)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numba

@@ -1,7 +1,5 @@
 """The rulebook's letters in a drawing of the field: a dimension line and a label for each size that is drawn."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -3,8 +3,6 @@
 All sizes include the lines: they reach to the outer edge. A letter of zero leaves its part out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A marked field: its paint as centre lines, its goals and poles, and what follows from them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field

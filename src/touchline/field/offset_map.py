@@ -4,8 +4,6 @@ Beside a straight line the offset is linear, so that bilinear look-ups of it are
 distance and gradient have a kink.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """field.yaml: read, checked and written. See docs/how-to-field.md."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields
 from pathlib import Path

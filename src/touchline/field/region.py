@@ -1,7 +1,5 @@
 """Part of a field, as where a robot is searched for."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Arrays in an archive (.npz): of a bounded size, numbers and text alone."""
 
-from __future__ import annotations
-
 import io
 import lzma
 import tokenize

@@ -1,7 +1,5 @@
 """New files: never over an older file, in folders that are made where they are missing, and whole or not at all."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Opened files: only regular ones, and never more of them than fits; all reading of files goes through here."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

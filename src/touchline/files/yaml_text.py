@@ -1,7 +1,5 @@
 """YAML files: what could bring a parser down is refused first, and every mistake is told with its line."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ little-endian. The bridge says what is published (G), sends messages (M) and whe
 read (R), to announce (A; data 1: latched) and to publish (M).
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import struct

@@ -1,7 +1,5 @@
 """A camera at this machine, beside whatever link brings the sensors."""
 
-from __future__ import annotations
-
 import threading
 import time
 from typing import Protocol

@@ -25,8 +25,6 @@ From Touchline:
 An image of more than PART_BYTES comes in parts, numbered from 0, in any order.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections import Counter

@@ -4,8 +4,6 @@ Topics are found by their types as publishers appear (or named), and read with w
 this machine alone unless told otherwise.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import uuid

@@ -4,8 +4,6 @@ Cyclone's own Python code would make every byte of an image an object. Here a sa
 rosbags: a megabyte costs a tenth of a millisecond.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -4,8 +4,6 @@ Little-endian and packed; the header is "RGme". The version tells who sends it (
 Humanoid Soccer League), and how many bytes each of 20 players of a team has; so does the length, and both must agree.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 from touchline.live.heard import Heard, Link, Published, count_refused

@@ -1,7 +1,5 @@
 """What a link brings from a robot and what it takes back, whatever the link is."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias

@@ -6,8 +6,6 @@ others are counted. An image is localised at its own time; between images the es
 the odometry.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import Counter, deque

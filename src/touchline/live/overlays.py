@@ -1,7 +1,5 @@
 """Images as they are localised, with what was seen and the projected field lines: for whoever looks at them."""
 
-from __future__ import annotations
-
 import time
 
 from touchline.camera import Camera

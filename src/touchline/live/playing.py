@@ -1,7 +1,5 @@
 """A recording sent as the robot would: every sample and image at its time."""
 
-from __future__ import annotations
-
 import heapq
 import itertools
 import math

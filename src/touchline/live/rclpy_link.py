@@ -4,8 +4,6 @@ Messages go through it as the bytes that they are (`raw` subscriptions, bytes pu
 of the other links.
 """
 
-from __future__ import annotations
-
 import importlib
 import time
 from collections import deque

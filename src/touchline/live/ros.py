@@ -5,8 +5,6 @@ named), /tf and /tf_static for where camera and sensors are, /initialpose, and w
 of `touchline.live.datagrams` in strings: /touchline/evidence, /touchline/wheels, /touchline/seen.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Iterator

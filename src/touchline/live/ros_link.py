@@ -3,8 +3,6 @@
 A transport carries messages as the bytes that they are: DDS, rclpy, Zenoh, or the bridge of the ROS package.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import Counter

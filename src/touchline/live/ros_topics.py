@@ -1,7 +1,5 @@
 """Names and types of the topics that ROS's links read and publish."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.sources.bags import roles

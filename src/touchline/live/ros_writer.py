@@ -1,7 +1,5 @@
 """Estimates, and what a recording holds, as messages of ROS; of Booster's robots /booster_soccer/robot_pose, too."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a robot knew, kept in a file while it plays, so that a process that was killed goes on where it was."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """The link over UDP: needs no ROS on this side; a bridge of forty lines on the robot's makes topics of it."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator
 from contextlib import suppress

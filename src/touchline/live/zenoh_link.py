@@ -3,8 +3,6 @@
 Where no router answers on this machine, as ROS's `rmw_zenohd` would, this is one.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

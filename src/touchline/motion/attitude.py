@@ -1,7 +1,5 @@
 """Where a camera was at each image of a recording, from the head's joints or from the body's lean."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 from touchline.camera import Camera, GroundView, ground_view, pose_in_base

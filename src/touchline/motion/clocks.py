@@ -1,7 +1,5 @@
 """Stamps that can't be right: which samples are believed, and what becomes of a frame that runs backwards."""
 
-from __future__ import annotations
-
 from collections import Counter
 from enum import Enum
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The compass: the heading at a stamp, its lag made good by the gyro."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from touchline.config import Settings

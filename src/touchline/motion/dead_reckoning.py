@@ -4,8 +4,6 @@ M. A. Ismail, D. Purwanto, A. Arifin: Soccer robot localization based on sensor 
 section II.A, equations (4) to (6), figure 4.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.geometry import Pose, wrap_angle

@@ -1,7 +1,5 @@
 """Motion between two images whose stamps are late, and what it changes by if they are later."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A pose after a motion by the odometry, linearised: what every filter of a pose predicts with."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The gyro: its turning rate integrated to an angle, and how far that errs."""
 
-from __future__ import annotations
-
 import math
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """All that a robot feels of its own motion in the last seconds, and any past interval of it, as often as asked."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np

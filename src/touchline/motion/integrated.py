@@ -1,7 +1,5 @@
 """Sensors whose samples add up to a motion: a sum that goes on over gaps, and the times in which it is not known."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory

@@ -4,8 +4,6 @@ A walking robot sways by 30° per second: 20 ms cost 0.6°, which is 20 cm at 4 
 angles on to the image, and what the angles say beyond that is averaged (a complementary filter).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Odometry: how the robot moved between two stamps, and how sure that is."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

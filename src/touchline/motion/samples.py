@@ -1,7 +1,5 @@
 """The recent samples of one sensor, looked up by time."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right
 from itertools import pairwise

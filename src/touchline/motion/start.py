@@ -1,7 +1,5 @@
 """A start pose that a person gives: how far it may be off."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydantic import Field
 

@@ -4,8 +4,6 @@ M. A. Ismail, D. Purwanto, A. Arifin: Soccer robot localization based on sensor 
 section II.A, equations (1) to (3), figure 3.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Two measuring wheels: what they roll when the robot moves, and how it moved by what they rolled."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

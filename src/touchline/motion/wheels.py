@@ -1,7 +1,5 @@
 """Measuring wheels: their counters continued over restarts, and how far they err."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from touchline.config import Settings, added

@@ -4,8 +4,6 @@ Pixels of one surface under brighter or darker light lie on a ray through the or
 keeps rays). The carpet is the most frequent greenish ray near the robot. White is what rises above the green beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

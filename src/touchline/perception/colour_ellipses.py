@@ -4,8 +4,6 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 has such ellipses for orange, blue, yellow, magenta and cyan, set by hand.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A learned colour table in a file (.npz), to be learned once and used in every match."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

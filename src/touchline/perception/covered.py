@@ -1,7 +1,5 @@
 """Whether a camera sees anything at all."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

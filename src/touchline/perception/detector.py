@@ -1,7 +1,5 @@
 """What every detector does, and the one place where it is decided whether a detector is asked at all."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Protocol

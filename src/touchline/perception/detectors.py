@@ -1,7 +1,5 @@
 """The detector of our own system for each kind of camera."""
 
-from __future__ import annotations
-
 from touchline.camera import Camera
 from touchline.field import FieldModel
 from touchline.perception.detector import Detector

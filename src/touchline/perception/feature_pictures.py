@@ -4,8 +4,6 @@ They are drawn from where they lie on the ground, so that lines bend as the lens
 detector has found is drawn as well.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from typing import NamedTuple

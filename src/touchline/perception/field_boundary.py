@@ -1,7 +1,5 @@
 """Where the field's green ends in each direction, so that nothing beyond it is taken for a line."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from numba import njit

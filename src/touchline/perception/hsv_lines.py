@@ -7,8 +7,6 @@ section II.B.
            └─▶ HSL threshold ────────────────┘
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Thresholds on hue, saturation, value and lightness: set by hand, or taken from the image's own histograms."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

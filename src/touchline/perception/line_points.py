@@ -4,8 +4,6 @@ After section 4.1 of Xiong et al. and section 4 of Lu et al. (2013): colour clas
 green-white-green transitions. Colours are learned from the recording's own first images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

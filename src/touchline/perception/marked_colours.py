@@ -1,7 +1,5 @@
 """Colours learned from marked regions: the marks decide where they lie, between them the rules for green and white."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

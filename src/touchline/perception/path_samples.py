@@ -1,7 +1,5 @@
 """What an image shows along the scan lines: colours between its pixels, how white each is, and its colour class."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Both edges of the paint are found on the scan line and taken to the ground; the 
 line's centre at any angle of crossing, because the two edges of a straight line are parallel.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

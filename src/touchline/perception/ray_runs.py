@@ -1,7 +1,5 @@
 """White runs along rays: the distance list of figure 7, each distance to a fraction of a pixel."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

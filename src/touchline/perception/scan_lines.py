@@ -4,8 +4,6 @@ Radial scan lines (the papers' 72) cross whatever runs around the robot; circles
 the radial scan lines shorter ones fill the outer part of the image, where neighbours have drifted apart.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A detector that learns its colours from the images it is given, and again when the light has changed."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from touchline.camera import Camera

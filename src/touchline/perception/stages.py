@@ -1,7 +1,5 @@
 """What the pictures of a detector's steps are drawn with: colours, masks, paths and points over an image."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import cv2

@@ -5,8 +5,6 @@ classes, scan lines go outwards, and where green gives way to white and white to
 asked of its width, and the edges are whole pixels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Which recordings a command means: paths, folders of recordings, lists, and addresses of an object store (fsspec)."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

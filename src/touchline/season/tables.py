@@ -3,8 +3,6 @@
 As Parquet where pyarrow is installed (extra `season`), the runs as CSV always.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping, Sequence

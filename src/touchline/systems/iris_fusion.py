@@ -10,8 +10,6 @@ figures 1, 4, 8 and 11.
                           └──────────── offset ◀─────────────────────────────┘
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 

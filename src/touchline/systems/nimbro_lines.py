@@ -10,8 +10,6 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
                           └─▶ main mode ─▶ least squares on its features (ours) ─▶ estimate
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What NuBot's systems share: settings, the parts that follow the robot, and the estimate at the end of a step."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from touchline.config import Settings

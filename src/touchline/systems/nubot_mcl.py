@@ -10,8 +10,6 @@ soccer robots, Advanced Robotics 2013, figure 3.
                                  └─▶ five bad frames in a row ─▶ Monte Carlo localization again
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.localization.published.nubot.global_search import GlobalSearch

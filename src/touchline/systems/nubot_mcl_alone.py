@@ -9,8 +9,6 @@ soccer robots, Advanced Robotics 2013, section 4.
                                      └─ five bad frames in a row
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.geometry import Pose

@@ -11,8 +11,6 @@ D. Xiong, H. Lu, Z. Zheng: A self-localization method based on omnidirectional v
                                  └─▶ failure detection ─▶ global localization again (4.2)
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.localization.published.nubot.global_search import SAMPLE_C_M, GlobalSearch, GlobalSearchSettings

@@ -1,7 +1,5 @@
 """Frames whose stamps jump or run backwards: dropped, or a new start of the system that keeps its pose."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import replace

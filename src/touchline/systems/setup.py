@@ -1,7 +1,5 @@
 """What every system knows of the robot that it runs on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields

@@ -1,7 +1,5 @@
 """The time that a step takes, perception and localization apart."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar

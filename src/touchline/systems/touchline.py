@@ -5,8 +5,6 @@ image ─▶ points, lines, features ─▶ registration from every hypothesis �
               └─▶ search of the whole field ─▶ new hypotheses ◀──────────────┘ in doubt        └─ which end of the field
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

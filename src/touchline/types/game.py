@@ -1,7 +1,5 @@
 """What the referee says of the game and of one robot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from touchline.errors import InputError

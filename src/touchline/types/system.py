@@ -1,7 +1,5 @@
 """What sources and sinks know of a localization system: it is told a prior, takes frames and gives estimates."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Protocol

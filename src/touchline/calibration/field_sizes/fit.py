@@ -5,8 +5,6 @@ a common scale is taken as the camera's, and a size counts as otherwise only if 
 the rules say; a few are decimetres off. That is Cauchy's prior, and it is what parts a wrong size from a wrong scale.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

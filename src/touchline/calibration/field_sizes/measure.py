@@ -3,8 +3,6 @@
 Each place, of a recording's images or of single ones, is found by itself on the whole field.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum

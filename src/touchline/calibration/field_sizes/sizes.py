@@ -1,7 +1,5 @@
 """The sizes of a field that may be other than the rules say, and the field that other sizes make."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

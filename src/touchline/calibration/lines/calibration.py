@@ -1,7 +1,5 @@
 """`touchline calibrate lines`: from line points, or images, and the field's name to a camera."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

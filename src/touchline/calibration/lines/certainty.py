@@ -1,7 +1,5 @@
 """How sure a calibration from lines is, and whether each image alone shows the mirror that all show together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

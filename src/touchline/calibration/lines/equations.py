@@ -8,8 +8,6 @@ A distance counts in standard deviations: one pixel, seen through the mirror acr
 uncertainty. Measured in metres alone, a mirror that shrinks the field to a point would fit best.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

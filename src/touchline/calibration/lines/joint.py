@@ -3,8 +3,6 @@
 What the points can't tell stays near what is expected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

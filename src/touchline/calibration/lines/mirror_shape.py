@@ -1,7 +1,5 @@
 """A mirror that was fitted to lines, as ground points of pixels and as a camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Line points in pixels, from a file: `u_px,v_px`, one row for each."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from itertools import islice

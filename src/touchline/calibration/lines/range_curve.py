@@ -5,8 +5,6 @@ a mirror of several parts has kinks. How small is what makes the points most pro
 approximation). So where the points follow a tangent, the range goes on as one beyond them; else nobody knows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 In an image there are many random starts, each followed down to its own best fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

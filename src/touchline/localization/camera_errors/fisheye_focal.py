@@ -5,8 +5,6 @@ above it and looks along `axis` (3,), a unit vector; zeros where the axis is not
 the angles, one over that of the focal length.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

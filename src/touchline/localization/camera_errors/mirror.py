@@ -9,8 +9,6 @@ C: what a displaced mirror does, G: what a leaning one does by its surface that 
 the mirror's own shape; as mirrors bend they are taken half way between p and p', with errors that are about right.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ elsewhere, and at another slope. Lens and height are not in a camera.yaml, usual
 depends little (`MISFIT_M2` and `MISFIT_M_PER_PX` of `mirror.py` say how little).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ turned back and meets the ground again (exactly: at 6 m and 2° the first order 
 camera's own forward and left, so that they stay the same while a head pans.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

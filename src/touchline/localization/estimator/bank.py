@@ -6,8 +6,6 @@ none was seen loses. New members come from a search with the odds of a robot tha
 left as soon as another place explains clearly more, and a right one stays.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence

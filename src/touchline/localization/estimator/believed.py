@@ -1,7 +1,5 @@
 """What the bank believes, as it is published: the likeliest pose and the other hypotheses, twins among them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ a robot is followed may last as long as it likes: the robot cannot have changed 
 has failed, unless it had agreed for a moment only; one that has failed does not locate a robot that was lost meanwhile.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ odometry, knows nothing of the field, and takes each pose by an image alone as t
 they are, and how large they could still be, widens the protection level. Where images jump, they may all have changed.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

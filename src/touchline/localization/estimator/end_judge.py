@@ -1,7 +1,5 @@
 """When the field's end is known and when it is open: what was given at the start, and a compass, at each pose found."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle

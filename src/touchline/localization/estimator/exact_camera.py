@@ -7,8 +7,6 @@ priors differ by, and so does the ratio of their evidences (Bayes factor; nested
 mean of both, each as probable as the images make it (Bayesian model averaging: Hoeting et al. 1999).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ One belief with four sources: the prior that was given, the compass, the colours
 of others.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -6,8 +6,6 @@ information (S, S) and gradient (S,) of what an image shows, as of `StateFit`; r
 where the fit ended.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -3,8 +3,6 @@
 None of them is a condition: the referee may be late, and may mean another robot.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

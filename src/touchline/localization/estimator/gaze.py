@@ -4,8 +4,6 @@ Two things count, both in nats: by how much the lines, crossings, posts and mark
 covariance, and how clearly they would tell the pose from the other hypotheses.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ odometry has a wrong sign. Residuals do not show that. What shows it is whether 
 motion, whether the field explains what is seen better than chance, and whether camera.yaml explains the camera.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ log-likelihood to the hypothesis's log-odds; one that contradicts a prediction c
 `Frame.measurements` brings the readings of sensors that `Frame` does not name; `measurements.py` is the table.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import NamedTuple, Protocol

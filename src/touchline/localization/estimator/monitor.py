@@ -4,8 +4,6 @@ A system is judged by what it says, whatever it does inside: a bank of one membe
 the image from there, and `Integrity` judges what comes of it. Nothing goes back into the system.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import replace

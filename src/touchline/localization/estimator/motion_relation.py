@@ -6,8 +6,6 @@ wrong sign, another scale, turned or mirrored images, a lag) change the odometry
 than it costs by its freedom is named (a generalised likelihood ratio: Willsky and Jones 1976).
 """
 
-from __future__ import annotations
-
 import math
 from enum import StrEnum
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Whether the likeliest pose is tracked, by what the images show of late and how much of it the pose explains."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from touchline.localization.camera_errors.base import ImageTrust

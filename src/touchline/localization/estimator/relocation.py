@@ -1,7 +1,5 @@
 """What moves a robot unseen, until images show where it stands: the referee's penalties, pick-ups, falls, restarts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from touchline.field import FieldModel

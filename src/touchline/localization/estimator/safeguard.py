@@ -5,8 +5,6 @@ fault, carried on by the odometry, until they are consistent again; then the pos
 the field that is nearer to it. Stamps distrusted: the delay that explains them is taken, or none is learned.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

@@ -6,8 +6,6 @@ loses nothing by the noise of a state that it does not need. Stamps that seem to
 to correct them would take the motion after the stamp, which is unknown yet.
 """
 
-from __future__ import annotations
-
 import math
 
 from touchline.motion.samples import NANOSECONDS, SampleHistory

@@ -3,8 +3,6 @@
 The errors themselves are states of each hypothesis (`Filter`); what all hypotheses share is here.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Feet slip, turn on the spot and sway at rest, each robot's otherwise: the varian
 usual, found by expectation maximisation.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ rates the lean before and after.
 A robot that walks sways by 20° per second, so that an image gives the time to 10 ms, and thirty of them to 2 ms.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

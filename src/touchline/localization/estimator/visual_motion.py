@@ -1,7 +1,5 @@
 """How the robot moved by its images alone: each is registered near the one before, whatever the odometry says."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """When the whole field is searched, and which of the poses that are found become hypotheses."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

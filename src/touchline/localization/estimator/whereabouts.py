@@ -5,8 +5,6 @@ A mixture over the whole field, both of its ends: weighted poses, each carried o
 everywhere else. It weighs the poses that a search finds, and says at which end each of them lies.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 A scale is fitted together with the pose.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

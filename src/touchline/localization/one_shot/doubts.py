@@ -1,7 +1,5 @@
 """What speaks against the pose of one observation although no other fits better: a wrong field, a wrong camera."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

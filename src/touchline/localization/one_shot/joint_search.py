@@ -4,8 +4,6 @@ Pose and errors of the camera are fitted to all that is seen, so that a corner, 
 line points leave open, and a camera that leans otherwise than it is thought to does not bend the lines.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """One observation and nothing else: the pose, and every other pose that explains the points as well."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence

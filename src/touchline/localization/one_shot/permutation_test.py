@@ -1,7 +1,5 @@
 """Is a fit better than chance? What tells the lines of a field from scatter."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses of line points on one field, by the mean error of their distances and nothing else."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

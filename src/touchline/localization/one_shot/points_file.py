@@ -1,7 +1,5 @@
 """Line points from a CSV file, or from whatever else holds them."""
 
-from __future__ import annotations
-
 import csv
 import math
 from array import array

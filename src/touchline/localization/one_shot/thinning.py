@@ -1,7 +1,5 @@
 """Fewer points of an observation that stand for all of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """The motion model: every particle moves as the odometry says, with noise of its own."""
 
-from __future__ import annotations
-
 import math
 
 import numba

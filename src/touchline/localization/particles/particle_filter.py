@@ -8,8 +8,6 @@ Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox: Probabilistic Robotics,
 filters (nubot_particles.py, iris_particles.py) are configurations of this one.
 """
 
-from __future__ import annotations
-
 from typing import Generic, TypeVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The particle set: weighted samples of where the robot may stand, their mean and their spread."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

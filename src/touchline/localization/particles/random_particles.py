@@ -1,7 +1,5 @@
 """Random particles: where particles start, and how many start anew so that a wrong belief can be left."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol

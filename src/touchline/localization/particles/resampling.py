@@ -1,7 +1,5 @@
 """Resampling: when particles are drawn anew, how, and how many of them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol

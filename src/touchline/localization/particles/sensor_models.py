@@ -3,8 +3,6 @@
 Whatever has `log_likelihoods` is one: two of line points here; crossings, posts and lines can have theirs as well.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, Protocol, TypeVar
 

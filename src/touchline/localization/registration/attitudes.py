@@ -4,8 +4,6 @@ Two degrees move a line 5 m before a camera at half a metre by two metres, farth
 begins at each of a grid of attitudes, or at those at which the lines that are seen are parallel or at right angles.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

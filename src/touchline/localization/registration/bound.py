@@ -5,8 +5,6 @@ normal noise is the sum of u uᵀ / σ², u the derivative of a point's distance
 across the line (van Trees 1968, section 2.4; Censi 2007 for registration).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

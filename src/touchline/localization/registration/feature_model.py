@@ -4,8 +4,6 @@ Points and lines come with what they may be taken for, and their noise; a partic
 observations' (equation 8), each of which is never less than a uniform one (section 5.3).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

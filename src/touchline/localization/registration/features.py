@@ -1,7 +1,5 @@
 """From an observation to the features that particles are weighed by, each with its noise and its confidence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

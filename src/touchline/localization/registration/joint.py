@@ -9,8 +9,6 @@ what these do, for the type of `response`. Each thing that is seen gives rows, a
 and a weight: a line point one, a point feature two.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Everywhere: points (N, 2) robot frame in m, covariances (N, 2, 2) of them in m²
 poses (3,) as x, y (m), heading (rad) in the field frame.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

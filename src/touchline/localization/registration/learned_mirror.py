@@ -6,8 +6,6 @@ straight, parallel and in their places show them next to it. Each image's lean d
 shakes. Pose and errors are registered jointly; a Kalman filter keeps the mean of the errors over the images.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

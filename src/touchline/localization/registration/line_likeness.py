@@ -6,8 +6,6 @@ and a point counts as far as its neighbours lie on a line with it. The points of
 are hardly denser than that, and stay as they are.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ camera knows its bearing far better than its range. Where the noise is as stated
 Cramér-Rao bound (`bound`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What registration takes of an observation: line points, or points laid on lines, crossings and landmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from touchline.geometry import FloatArray

@@ -6,8 +6,6 @@ farthest. Rays from a pose cross the field's lines there; a crossing is seen whe
 bearing, or beside.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

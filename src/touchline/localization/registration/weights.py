@@ -1,7 +1,5 @@
 """The weight that each line point deserves: the inverse of its variance."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydantic import Field
 

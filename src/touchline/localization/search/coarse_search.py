@@ -1,7 +1,5 @@
 """The first look at a whole field: every pose of a grid judged by table look-ups, and the best of them."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

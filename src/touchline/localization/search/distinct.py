@@ -1,7 +1,5 @@
 """Which of many poses are the same, and which modes lie over each other: compiled loops over pairs."""
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -5,8 +5,6 @@ a crossing that is seen gives the heading but for a few quarter turns; then each
 its kind gives a position, and so do two lines that are taken for two of the field's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

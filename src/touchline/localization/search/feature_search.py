@@ -1,7 +1,5 @@
 """Search for the pose of features without a start: pairs of them propose poses, registration decides."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

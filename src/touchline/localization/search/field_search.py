@@ -4,8 +4,6 @@ Line points are looked for on a grid of poses (`PoseSearch`), lines, crossings a
 (`FeatureSearch`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

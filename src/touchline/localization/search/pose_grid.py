@@ -1,7 +1,5 @@
 """The poses of a coarse search: the whole field, the whole circle."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arms of a crossing: where they meet, and which kind of crossing their directions make."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 A state machine confirms the changes from green to white and back along the circle: one white run for each connection.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Chains of a graph: the ways between nodes that are no mere passages, as field lines and key nodes start from."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 An addition of ours: its arcs are told from straight lines, and its middle is a landmark.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ The table holds for each colour its class, or how white it is: from where on tha
 the cell. All algorithms behind this one work on the cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

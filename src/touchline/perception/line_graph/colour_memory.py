@@ -1,7 +1,5 @@
 """The colours of a detector: learned from its first images or read from a file, learned again when the green fades."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

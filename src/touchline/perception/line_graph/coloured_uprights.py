@@ -5,8 +5,6 @@ the sum of its azimuth. Maxima are looked at more closely: how high and wide the
 come. Their axis and their foot are found in the whole image.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

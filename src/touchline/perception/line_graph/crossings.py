@@ -4,8 +4,6 @@ A state machine walks round the candidate and confirms the transitions from gree
 paint leave it, in these directions. On the ground, so that a circle in the image is an ellipse.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

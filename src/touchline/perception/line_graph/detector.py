@@ -9,8 +9,6 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
                                                                     key nodes, crossings (4.1) ◀─────┘
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

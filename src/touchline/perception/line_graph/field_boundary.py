@@ -3,8 +3,6 @@
 Rows of cells count from the top of the image, as in all images; the paper's j counts from the bottom.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Field lines of an observation: from the graph's components to places on the ground, with their points."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

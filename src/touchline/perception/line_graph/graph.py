@@ -4,8 +4,6 @@ After S. Behnke, M. Pfister, R. Rojas: Recognition of handwritten digits using s
 paper names for the details.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ line of the field is straight in it, and a homography leads from it to the groun
 included, as that is affine. The undistortion is a table, made once per camera (section 4.4's "pre-calculated").
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Its nodes of degree two with a sharp angle, of degree three and of degree four are the candidates for L, T and X.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Landmarks (section 4.3): goal posts, goals, poles and penalty marks, told by what the field has of them."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 All in the undistorted image plane, where straight lines are straight.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ No field line is crossed often: the halfway line by the centre circle, twice in 
 else lines meet, one of them ends. An addition of ours.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

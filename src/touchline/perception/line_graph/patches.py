@@ -5,8 +5,6 @@ posts rise straight, and no patch is so wide that its edges are blown up, as tho
 Neighbours overlap, so that what lies at a seam is seen whole; line points count in the patch to which they belong.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, TypeVar

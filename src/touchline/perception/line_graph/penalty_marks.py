@@ -3,8 +3,6 @@
 Ours: the paper names none. A ball is larger and stands up, the centre mark lies on a line.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

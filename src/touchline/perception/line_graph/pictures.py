@@ -1,7 +1,5 @@
 """Pictures of the steps, as in figures 1 and 2: classes, boundary, low-pass, skeleton, nodes, graph, key nodes."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

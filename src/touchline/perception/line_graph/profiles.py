@@ -3,8 +3,6 @@
 "We use subpixel precision when possible": the cells find lines, the pixels place them. An addition of ours.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

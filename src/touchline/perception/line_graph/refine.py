@@ -1,7 +1,5 @@
 """Field lines placed by the pixels: profiles across each one, a robust fit through their middles, and its true ends."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

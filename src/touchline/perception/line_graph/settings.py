@@ -1,7 +1,5 @@
 """Settings of the line graph detector. Lengths on the ground are in metres, in the image in pixels."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field

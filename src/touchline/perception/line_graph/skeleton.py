@@ -1,7 +1,5 @@
 """Low-pass and skeleton of the white cells (section 3.2): a ranking operator finds the middle of lines."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from numba import njit

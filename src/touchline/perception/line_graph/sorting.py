@@ -1,7 +1,5 @@
 """Order and median of a few numbers in compiled loops; those of NumPy take a second each to compile."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from numba import njit

@@ -3,8 +3,6 @@
 Where something coloured stands, carpet lies below its foot and on both sides of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -1,7 +1,5 @@
 """Section 3 in one go: image -> colour classes in cells -> field boundary -> skeleton -> line structure graph."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ it, as wide and as high as a post there would look, along the direction in which
 whiter than what is on both sides of it. Ours: the paper's goals are coloured.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Rays from the robot and circles about it, as in `touchline.perception.scan_lines
 without green between it is one run, as for the detector. Nothing is drawn at random here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

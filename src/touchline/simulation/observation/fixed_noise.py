@@ -1,7 +1,5 @@
 """Random numbers that come again at the same place: of what is no noise, but looks like it from afar."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

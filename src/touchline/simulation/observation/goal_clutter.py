@@ -5,8 +5,6 @@ follows beyond it. So from afar only what is low gives points, close to the goal
 as the goal comes near. Most of the heading's error at goals comes of points within half a metre of the goal line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ The scan paths of the detector are crossed with the field's paint (`crossings`);
 their path and joined by false ones (`point_errors`), with figures fitted to what the detector finds in rendered images.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cached_property

@@ -8,8 +8,6 @@ where the crossing lies on the mosaic and of the path's direction (for circles: 
 fresh noise.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Stretches of a ray or a circle that lie on paint: lines, arcs, marks and the goals' bars on the ground."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The carpet's look: pile as a pyramid of tiles, seams, wear and worn lines; colour only, no relief."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -4,8 +4,6 @@ One short loop for each quantity on rows of float32: the compiler auto-vectorise
 many arrays.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from numba import njit

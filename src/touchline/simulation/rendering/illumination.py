@@ -1,7 +1,5 @@
 """Where light falls: lamps as a map over the hall, sun through windows with hard edges, shadows of bodies."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Each 0.25 m cell of the ground lists the shapes near it; a point is tested against its cell's shapes alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

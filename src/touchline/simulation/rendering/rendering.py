@@ -4,8 +4,6 @@ The rays of all samples are worked out once for a camera. An image is rendered r
 into the field, traced to what they meet first, shaded and averaged.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product

@@ -5,8 +5,6 @@ radius), half width, bottom, top, bounding radius, first colour, number of bands
 (net: thread in m). Colours index the palette (C, 3).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple

@@ -4,8 +4,6 @@ A ray runs from its origin along a horizontal unit direction (ux, uy); s is the 
 height gained per metre. Codes of what was met: the number of a solid, or one of those below.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A match: penalties, accidental ones, pick-ups, falls, half-time; and what the referee says meanwhile."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Random processes of the sensors, each with the moments that its settings name."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

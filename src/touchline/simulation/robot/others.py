@@ -1,7 +1,5 @@
 """Where the other robots and the balls are over a run: standing about, or playing, often close to our robot."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Under NAMESPACE/touchline/: the pose (reliable and latched, as nav2 listens to /
 hypotheses, the lines seen; the field as lines and as a map, once and latched. Beside them /tf and /diagnostics.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping

@@ -5,8 +5,6 @@ has three witnesses for its end, lines, gyro and wheels, and needs more than a c
 Ismail et al. 2021 ask the compass at the start alone; this rule is ours.
 """
 
-from __future__ import annotations
-
 import math
 
 from touchline.geometry import wrap_angle

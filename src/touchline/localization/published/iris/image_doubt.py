@@ -3,8 +3,6 @@
 Ismail et al. 2021 know no errors of the camera and no covariance of an image; both are ours.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Figure 11, the algorithm, is a picture that cannot be read; the rule here is des
 fusion takes one of the two, complementary fusion both. docs/method.md states it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

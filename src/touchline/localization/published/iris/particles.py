@@ -6,8 +6,6 @@ particles ─▶ motion from odometry ─▶ points to the field (7) ─▶ erro
                     └─▶ means (11) to (14)
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Ismail et al. 2021 start them once; this rule is ours.
 """
 
-from __future__ import annotations
-
 from touchline.config import Settings, added
 
 MIN_RATIO = 0.6  # share of points on lines below which an image contradicts the particles

@@ -3,8 +3,6 @@
 An addition of ours to Schulz and Behnke 2012: their pose is the particles' at any time.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

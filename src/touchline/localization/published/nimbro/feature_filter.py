@@ -5,8 +5,6 @@ so it is estimated with the pose, from a slow part that stays from frame to fram
 askew) and a fast one (an IMU that is late). Each feature counts by how likely it is one of the field's (section 5.3).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

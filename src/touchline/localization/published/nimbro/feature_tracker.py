@@ -5,8 +5,6 @@ Whether it is believed is judged beside it (feature_belief), and so is at which 
 mode elsewhere that explains more for some time takes its place, and so does a twin that colours speak for.
 """
 
-from __future__ import annotations
-
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings, FeatureBelief, is_narrow
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter

@@ -6,8 +6,6 @@ two are compared in every frame, and the evidence is added up; where nothing tel
 addition of ours to Schulz and Behnke 2012.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ particles ─▶ motion (3) ─▶ crossings and landmarks (4, 5), lines (6, 7) 
     └── random particles, if certainty drops ◀── resampling, 250 to 1000 ◀────┘
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

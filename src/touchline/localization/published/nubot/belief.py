@@ -1,7 +1,5 @@
 """How far the pose is believed, and what is known of the end of the field that the robot is at."""
 
-from __future__ import annotations
-
 from touchline.field.region import OWN_HALF, Region
 from touchline.geometry import FloatArray, mirrored_covariance
 from touchline.localization.published.nubot.global_localizer import Localization

@@ -1,7 +1,5 @@
 """Correction of the compass by the heading that the lines gave (Xiong et al., section 4.2)."""
 
-from __future__ import annotations
-
 import math
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """What speaks against a pose: none of this is in the papers, whose systems believe whatever fits best."""
 
-from __future__ import annotations
-
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nubot.failure import MAX_DEVIATION_M, SUSPECT_M, FailureSettings
 from touchline.localization.published.nubot.global_search import GlobalFix, GlobalSearch

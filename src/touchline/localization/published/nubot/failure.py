@@ -1,7 +1,5 @@
 """Detection of wrong localization, judged in every frame (Xiong et al., section 4.2; Lu et al. 2013, section 4)."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from touchline.config import Settings, added

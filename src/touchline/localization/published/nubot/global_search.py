@@ -1,7 +1,5 @@
 """Global localization: a grid of samples over the field, the best of them refined (Xiong et al., section 4.1)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

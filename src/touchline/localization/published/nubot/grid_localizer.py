@@ -1,7 +1,5 @@
 """Global localization by a grid of samples, and when its pose is believed (Xiong et al., section 4.1)."""
 
-from __future__ import annotations
-
 from touchline.field.region import Region
 from touchline.localization.published.nubot.doubt import stands_alone
 from touchline.localization.published.nubot.failure import MAX_HEADING_ERROR_RAD

@@ -4,8 +4,6 @@ Everywhere: points (N, 2) robot frame in m; weights (N,) that sum to 1; table: t
 poses (3,) as x, y (m), heading (rad) in the field frame; c_m the width of the error function (m).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

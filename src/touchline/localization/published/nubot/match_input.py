@@ -1,7 +1,5 @@
 """What travels through a step of NuBot's systems as one value: line points, weights, compass, the mirror's errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Xiong et al., sections 4.1 and 4.2; Lauer, Lange and Riedmiller 2006; uncertainty after Lu et al. 2013, section 4.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Global localization by particles, and when their pose is believed (Lu et al. 2013, section 4 and figure 3)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from pydantic import Field

@@ -4,8 +4,6 @@ A cycle moves the particles by the odometry, weighs them by the line points, rea
 particles carry the weight, draws them anew.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

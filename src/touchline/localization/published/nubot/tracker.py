@@ -3,8 +3,6 @@
 Xiong et al., section 4.2; Lu et al. 2013, section 4.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
