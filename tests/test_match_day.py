@@ -305,7 +305,7 @@ def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path, monkeypatch: 
     second, now_s[0] = Localizer("msl-18x12"), now_s[0] + 4.6
     assert "goes on from 5 s ago, x 2.00 m, y 1.00 m" in resume(path, second)
     walked_on = Pose(2.6, 1.3, 0.6)
-    found = [second.localize(100_000_000 * k, points=seen(walked_on, k)) for k in range(50, 60)]
+    found = [second.localize(100_000_000 * k, points=seen(walked_on, k)) for k in range(50, 62)]
     tracked = [estimate for estimate in found if estimate.status is Status.TRACKING]
     assert len(tracked) >= 5
     assert all(errors(estimate, walked_on)[0] < 0.1 for estimate in tracked)
@@ -319,7 +319,7 @@ def test_the_older_a_state_is_the_less_it_tells() -> None:
     assert young.rest < 0.2 < 0.8 < old.rest
     stood, went_on = young.poses
     assert stood.covariance[0, 0] < 0.02
-    assert 0.5 < math.sqrt(went_on.covariance[0, 0]) < 1.0
+    assert 1.5 < math.sqrt(went_on.covariance[0, 0]) < 2.5
 
 
 def test_a_state_that_is_none_is_refused(tmp_path: Path) -> None:

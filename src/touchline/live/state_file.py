@@ -20,7 +20,8 @@ from touchline.types import Estimate, Prior, Status, WeightedPose
 
 EVERY_S = 1.0
 MAX_AGE_S = 3600.0  # from which it tells nothing of the pose
-SPEED_M_S, TURN_RAD_S = 0.4, 0.6  # of a robot that went on, and rested, while nothing was localised
+# of a robot that went on while nothing was localised: with less a fast one was found at the wrong end
+SPEED_M_S, TURN_RAD_S = 1.0, 1.5
 MAX_DEVIATION_M, MAX_DEVIATION_RAD = 4.0, math.pi
 STOOD, WENT_ON, STILL_THERE_S = 0.5, 0.4, 900.0  # weights at once; the time after which it was rather carried off
 BLURRED = np.diag(np.square([0.05, 0.05, 0.03]))
