@@ -248,6 +248,15 @@ def test_a_pause_of_the_images_is_no_contradiction() -> None:
     assert end.probability > 0.9
 
 
+def test_a_pose_that_is_not_tracked_says_why() -> None:
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
+    place = Pose(2.0, 1.0, 0.3)
+    shown = [system.step(frame(k, seen(place, k, reach_m=5.0 if k % 2 else 0.1))) for k in range(12)]
+    assert shown[0].reason == "no pose explains an image yet"
+    for estimate in shown:
+        assert bool(estimate.reason) == (estimate.status is not Status.TRACKING)
+
+
 def test_the_own_half_is_believed() -> None:
     system, truth = open_system("touchline", RobotSetup(FIELD)), Pose(-3.0, 1.0, 0.3)
     system.reset(Prior(own_half=True))

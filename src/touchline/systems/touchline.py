@@ -350,7 +350,7 @@ class Touchline:
             found = self.relocation.instead_of(found)
         found = self.safeguard.instead_of(found)
         unseen = self.relocation.reason(self.end.undecided)
-        verdict = self.safeguard.judge(self.judged.status, unseen, found.covariance, stamp_ns, self.history)
+        verdict = self.safeguard.judge(self.judged, unseen, found.covariance, stamp_ns, self.history)
         held, tracked = self.safeguard.held, verdict.status is Status.TRACKING
         seen = (observation.points, observation.lines, observation.crossings, observation.landmarks)
         return Estimate(

@@ -9,6 +9,7 @@ from touchline.localization.registration.covariance import is_observed
 from touchline.localization.registration.joint import Seen
 from touchline.types import Status
 
+NO_POSE = "no pose explains an image yet"
 BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
 
 
@@ -24,7 +25,9 @@ class Criteria(NamedTuple):
 
 
 class PoseStatus:
-    """`status`; `images`: so many have shown something; `blind_frames`: so many in a row have not."""
+    """`status`; `reason`: why no pose is tracked; `images`: so many have shown something; `blind_frames`: so many in a
+    row have not.
+    """
 
     def __init__(self, criteria: Criteria, trust: ImageTrust) -> None:
         self.criteria, self.trust = criteria, trust
@@ -33,6 +36,7 @@ class PoseStatus:
     def reset(self, tracking: bool) -> None:
         """Nothing has been seen. tracking: whether the pose was given."""
         self.status = Status.TRACKING if tracking else Status.SEARCHING
+        self.reason = "" if tracking else NO_POSE
         self.images, self.blind_frames = 0, 0
         self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
         self._image_trust = self.trust
@@ -89,8 +93,17 @@ class PoseStatus:
             self._contradicted_s = self._contradicted_s + seconds if contradicted else 0.0
         decided = self.is_likely(bank) and end.is_decided(self.criteria.min_probability)
         ratio = self._image_trust.tracked_ratio if tracked else 1.0
-        explained = self.blind_frames > 0 or self._explained >= ratio * self.criteria.min_explained
-        if decided and explained and not contradicted and is_observed(best.filter.covariance) and not self.is_blind:
+        unexplained = self.blind_frames == 0 and self._explained < ratio * self.criteria.min_explained
+        doubts = (
+            (not self.is_likely(bank), "several poses are likely, or too few images support one"),
+            (not decided, "which end of the field is open"),
+            (contradicted, "the image contradicts the pose"),
+            (unexplained, f"the pose explains {100.0 * self._explained:.0f} % of what is seen of late"),
+            (not is_observed(best.filter.covariance), "the pose is not known in all directions"),
+            (self.is_blind, "nothing that the pose explains has been seen for too long"),
+        )
+        self.reason = next((reason for doubted, reason in doubts if doubted), "")
+        if not self.reason:
             self.status, bank.confirmed = Status.TRACKING, True
         else:
             self.status = Status.SEARCHING if not tracked or decided else Status.LOST

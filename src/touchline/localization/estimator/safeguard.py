@@ -18,6 +18,7 @@ from touchline.localization.estimator.believed import Believed
 from touchline.localization.estimator.field_end import EndMemory, FieldEnd
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.integrity import ALL_WELL, Integrity, Jump, Verdict
+from touchline.localization.estimator.pose_status import PoseStatus
 from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.registration import Registration
 from touchline.motion import MotionHistory
@@ -128,13 +129,14 @@ class Safeguard:
         return Believed(self.held.pose, self.held.covariance, found.residual_m, [*found.others, doubted])
 
     def judge(
-        self, status: Status, unseen: str, covariance: FloatArray, stamp_ns: int, history: MotionHistory
+        self, judged: PoseStatus, unseen: str, covariance: FloatArray, stamp_ns: int, history: MotionHistory
     ) -> Published:
         """What a status and covariance (3, 3) are worth. unseen: why images have not confirmed the pose yet, or ""."""
+        status = judged.status
         if unseen:
             return Published(Status.SEARCHING, unseen)
         if status is not Status.TRACKING:
-            return Published(status, self.verdict.reason)
+            return Published(status, self.verdict.reason or judged.reason)
         if not self.integrity.is_believed:
             return Published(Status.SEARCHING, self.integrity.reason)
         bounds = self.integrity.protection(covariance, stamp_ns, history)
