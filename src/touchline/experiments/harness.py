@@ -162,9 +162,9 @@ class ExperimentResult:
     headline: Headline
     notes: Sequence[str] = ()
     pictures: Sequence[tuple[str, Figure]] = ()
-    overlays: Sequence[tuple[str, ImageArray]] = ()
     name: str = ""
     seeds: int = 0
+    overlays: Sequence[tuple[str, ImageArray]] = ()
 
 
 def spread(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:

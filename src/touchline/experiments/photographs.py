@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from touchline.camera import Camera, GroundView, OmniCamera, PinholeCamera, open_camera
 from touchline.errors import NoFitError
@@ -193,6 +192,8 @@ def pose_of_labels(camera: PinholeCamera, spl: FieldModel, labels: FloatArray) -
     """The pose at which the ends (6, 2) of border, goal box and what connects them, in pixels, lie on the field's
     lines, the camera's roll and pitch fitted, too; None if they miss them by 5 cm.
     """
+    from scipy.optimize import least_squares
+
     goal_x = float(np.abs(spl.segments[:, 0]).max())
     boxes = [s for s in np.abs(spl.segments) if abs(s[1] - s[3]) < 1e-6 and max(s[0], s[2]) > goal_x - 0.05]
     front_x, side_y = max((min(s[0], s[2]), s[1]) for s in boxes if 1.0 < min(s[0], s[2]) < goal_x - 1e-3)
