@@ -49,10 +49,10 @@ HEADING_RAD = math.radians(30.0)  # about the heading that the odometry tells
 
 
 class Track(NamedTuple):
-    """poses (N, 3) at the images; told (N,): whether it gave a pose, and believed it."""
+    """poses (N, 3) at the images; known (N,): whether it gave a pose, and believed it."""
 
     poses: FloatArray
-    told: Any
+    known: Any
 
 
 def write_bag(walked: Drive, path: Path, seed: int, more: bool = False) -> None:
@@ -191,13 +191,13 @@ def _seen_markers(seen: Observation) -> list[tuple[str, float, float]]:
 def right(track: Track, walked: Drive) -> Any:
     """(N,) within 0.5 m and 20° of the truth, and told."""
     near = np.hypot(*(track.poses - walked.truth)[:, :2].T) <= RIGHT_M
-    return near & (np.abs(wrap_angles(track.poses[:, 2] - walked.truth[:, 2])) <= RIGHT_RAD) & track.told
+    return near & (np.abs(wrap_angles(track.poses[:, 2] - walked.truth[:, 2])) <= RIGHT_RAD) & track.known
 
 
 def figures(track: Track, walked: Drive) -> tuple[float, float, float]:
     """Shares (%) told and right, and the median error of those told (m)."""
-    errors = np.hypot(*(track.poses - walked.truth)[track.told, :2].T)
-    return 100.0 * float(track.told.mean()), 100.0 * float(right(track, walked).mean()), float(np.median(errors))
+    errors = np.hypot(*(track.poses - walked.truth)[track.known, :2].T)
+    return 100.0 * float(track.known.mean()), 100.0 * float(right(track, walked).mean()), float(np.median(errors))
 
 
 def tracks(walked: Drive, path: Path, seed: int, more: bool = False) -> dict[str, Track]:

@@ -438,7 +438,7 @@ def test_a_compass_that_began_to_contradict_just_before_the_robot_was_lost_tells
 
 def test_who_was_told_a_pose_that_the_compass_denies_is_at_one_of_two_ends() -> None:
     side = FieldSide(1.6)
-    side.start(known=True, told=True)
+    side.start(known=True, start_known=True)
     assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]
     side.search(known=True)
     heard(side, 0.0, 50)

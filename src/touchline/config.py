@@ -251,8 +251,8 @@ def _explain(
         location = problem["loc"]
         ours = any(location[: len(path)] == path or location == path[: len(location)] != () for path in changed)
         line = yaml_line(file, (*section, *_in_block(location))) if file is not None and not ours else None
-        told = _sentence(model, problem, elsewhere)
-        sentences.append(told if line is None else f"line {line}: {told}")
+        sentence = _sentence(model, problem, elsewhere)
+        sentences.append(sentence if line is None else f"line {line}: {sentence}")
         if file is not None and not ours and len(sentences) == 1:
             sentences[0] = f"{file}{': ' if line is None else ', '}{sentences[0]}"
     more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""

@@ -52,9 +52,9 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
         return None
     late = shifts[k] + 0.5 * _STEP_S * (costs[k - 1] - costs[k + 1]) / bend
     before, after = (_shifted(path, times_s, stamps_s - shifts[k] - way)[inside] for way in (-_STEP_S, _STEP_S))
-    told = float(np.sum(((after - before) / (2.0 * _STEP_S)) ** 2))
+    information = float(np.sum(((after - before) / (2.0 * _STEP_S)) ** 2))
     freedom = 2.0 * float(np.count_nonzero(inside))
-    return Delay(float(late), float(np.sqrt(costs[k] / (freedom * max(told, 1e-12)))))
+    return Delay(float(late), float(np.sqrt(costs[k] / (freedom * max(information, 1e-12)))))
 
 
 def _shifted(path: FloatArray, times_s: FloatArray, at_s: FloatArray) -> FloatArray:
@@ -70,11 +70,11 @@ def base_steps(poses: FloatArray) -> FloatArray:
     return np.column_stack((local.real, local.imag, turn))
 
 
-def _disagreement(seen: FloatArray, told: FloatArray, inside: FloatArray) -> float:
+def _disagreement(seen: FloatArray, driven: FloatArray, inside: FloatArray) -> float:
     """Sum of squared differences of steps (N, 3) but the worst, a radian like a metre; the scale of each axis of
     odometry is fitted.
     """
-    a, b = told[inside], seen[inside]
+    a, b = driven[inside], seen[inside]
     scale = np.sum(a * b, axis=0) / np.maximum(np.sum(a * a, axis=0), 1e-9)
     squares = np.sort(np.sum((b - np.clip(scale, 0.8, 1.25) * a) ** 2, axis=1))
     return float(np.sum(squares[: int(_KEPT * len(squares))]))

@@ -85,12 +85,12 @@ def write_report(
 
 def _header(summary: dict[str, Any]) -> str:
     recording, name = summary["recording"], html.escape(summary["recording"]["name"])
-    told = {
+    ended = {
         "complete": "",
         "interrupted": "The run was interrupted; this is what was done until then.",
         "failed": f"The run failed: {summary.get('failure')}. This is what was done until then.",
     }[summary["ended"]]
-    notes = "".join(f'<p class="warning">{html.escape(text)}</p>' for text in (told, other_side_text(summary)) if text)
+    notes = "".join(f'<p class="warning">{html.escape(text)}</p>' for text in (ended, other_side_text(summary)) if text)
     facts = [
         f"system <strong>{html.escape(summary['system'])}</strong>",
         f"field {html.escape(str(recording['field']))}",

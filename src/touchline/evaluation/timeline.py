@@ -112,8 +112,8 @@ def run_tree(name: str, data: RunData, rows: npt.NDArray[np.int64], color: str =
     poses = data.table.trajectory.values[rows]
     status = [int(value) for value in data.table.status[rows]]
     dots = [each and (color or each) for each in dot_colors(data)[rows].tolist()]
-    told = {"reasons": list(data.table.reasons), "reason": data.table.reason[rows].tolist()}
-    return {"name": name, "marker": color or "tracking", "status": status, **told, "dots": dots, **_places(poses)}
+    reasons = {"reasons": list(data.table.reasons), "reason": data.table.reason[rows].tolist()}
+    return {"name": name, "marker": color or "tracking", "status": status, **reasons, "dots": dots, **_places(poses)}
 
 
 def dot_colors(data: RunData) -> npt.NDArray[np.object_]:

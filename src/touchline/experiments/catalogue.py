@@ -66,11 +66,11 @@ THREE_FALLS: Lasts = (21.0, 21.0)
 
 
 class Robot(NamedTuple):
-    """A robot as built. told: whether it is told its start. moves: else it stands, or walks in place."""
+    """A robot as built. start_known: whether it is told its start. moves: else it stands, or walks in place."""
 
     scenario: str
     changes: tuple[str, ...] = ()
-    told: bool = True
+    start_known: bool = True
     moves: bool = True
 
 
@@ -85,9 +85,10 @@ WALKERS = (
 )  # fmt: skip
 KINDS_OF_ROBOTS = {
     MIRROR: (
-        Robot("straight-tracks"), Robot("match", told=False), Robot("match", (_SLOW,)),
-        Robot("match", (_HALF,), told=False), Robot("tour-20"), Robot("straight-tracks", (_SLOW,), told=False),
-        Robot("match"), Robot("straight-tracks", (_HALF,)), Robot("match", ("motion.speed_m_s=1.5",), told=False),
+        Robot("straight-tracks"), Robot("match", start_known=False), Robot("match", (_SLOW,)),
+        Robot("match", (_HALF,), start_known=False), Robot("tour-20"),
+        Robot("straight-tracks", (_SLOW,), start_known=False), Robot("match"), Robot("straight-tracks", (_HALF,)),
+        Robot("match", ("motion.speed_m_s=1.5",), start_known=False),
         Robot("match", ("motion.kind=stand", *_UNUSED), moves=False),
     ),
     FEATURES: WALKERS,
@@ -106,7 +107,7 @@ def driven_by(kind: str, number: int, seed: int, seconds: float) -> Drive:
     else:
         drive = walk_of_points(robot.scenario, seed, seconds, robot.changes)
     start = humanoids.start_about(Pose(*drive.truth[0].tolist()), seed)
-    return replace(drive, prior=Prior(start) if robot.told else None)
+    return replace(drive, prior=Prior(start) if robot.start_known else None)
 
 
 def walk_of_points(field: str, seed: int, seconds: float, changes: Sequence[str] = ()) -> Drive:

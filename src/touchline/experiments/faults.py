@@ -151,9 +151,9 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
     times_s = of.clean.times_s if count == len(of.clean.frames) else of.faulty.times_s
     first = min(int(np.searchsorted(of.clean.times_s, of.start_s)), count - 1)
     last = min(max(int(np.count_nonzero(times_s < of.end_s)), first + 1), count)
-    told = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
+    alarms = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
     unbounded = ~found.bounded & found.bounded.any()
-    alarm = (~found.tracking | unbounded | np.array([bool(texts) for texts in told]))[first:]
+    alarm = (~found.tracking | unbounded | np.array([bool(texts) for texts in alarms]))[first:]
     edges = (max(first - BEFORE_FRAMES, 0), first, last, count)
     spans = [found.tracking[begin:end] for begin, end in pairwise(edges)]
     before, during, after = (float(span.mean()) if len(span) else math.nan for span in spans)
@@ -162,7 +162,7 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
         found.score(first),
         float(longest(found.other_end[first:]) * np.median(np.diff(times_s))),
         float(times_s[first + int(np.argmax(alarm))] - times_s[first]) if alarm.any() else None,
-        rightly_named(case, [text for texts in told[first:] for text in texts]),
+        rightly_named(case, [text for texts in alarms[first:] for text in texts]),
         (before, during, after),
     )
 
@@ -195,8 +195,8 @@ def _of_case(task: tuple[str, str, int, int]) -> list[tuple[str, str, dict[str, 
     case, seed, moves = cases(robots)[index], FIRST_SEED + number, KINDS_OF_ROBOTS[robots][number % ROBOTS].moves
     others = OTHERS[robots] if number % FEWER == OTHERS_AT and len(case) == 1 else ()
     of = laid(case, number, seed)
-    told = [(system, estimates_of(system, of.faulty, seed)) for system in (OWN, *others)]
-    return [(name, system, outcome(case, of, estimates, moves).tree()) for system, estimates in told]
+    found = [(system, estimates_of(system, of.faulty, seed)) for system in (OWN, *others)]
+    return [(name, system, outcome(case, of, estimates, moves).tree()) for system, estimates in found]
 
 
 def tasks(count: int) -> list[tuple[str, str, int, int]]:

@@ -88,11 +88,11 @@ def seen_as(drive: Drive, change: Callable[[Frame, Observation], Observation], w
 def logged(change: Callable[[Samples], Samples | None], *sensors: str) -> Change:
     """Other samples of sensors, frame by frame."""
 
-    def told(_: int, frame: Frame) -> Frame:
+    def changed(_: int, frame: Frame) -> Frame:
         logs = {name: log for name in sensors if (log := getattr(frame, name)) is not None}
         return replace(frame, **{name: change(log) for name, log in logs.items()})  # type: ignore[arg-type]
 
-    return lambda drive, wrong, rng: framed(drive, wrong, told)
+    return lambda drive, wrong, rng: framed(drive, wrong, changed)
 
 
 def negated(log: Samples) -> Samples:
@@ -163,12 +163,12 @@ def odometry(factors: tuple[float, float, float], rates: tuple[float, float, flo
         first, last = np.flatnonzero(wrong)[[0, -1]].tolist()
         start_s, end_s = times_s[first] if first else -math.inf, times_s[last + 1]
 
-        def told(factor: object, rate: object, at_s: FloatArray, moved: FloatArray) -> FloatArray:
+        def changed(factor: object, rate: object, at_s: FloatArray, moved: FloatArray) -> FloatArray:
             marked = ((at_s > start_s - ROUNDING_S) & (at_s < end_s - ROUNDING_S))[:, np.newaxis]
             passed_s = np.diff(at_s, prepend=at_s[:1])[:, np.newaxis]
             return np.asarray(np.where(marked, np.array(factor) * moved + np.array(rate) * passed_s, moved))
 
-        return with_rolling(with_steps(drive, partial(told, factors, rates)), partial(told, factors[0], rates[0]))
+        return with_rolling(with_steps(drive, partial(changed, factors, rates)), partial(changed, factors[0], rates[0]))
 
     return change
 
@@ -220,12 +220,12 @@ def compass(shown: Callable[[FloatArray, float, FloatArray, Random], FloatArray]
         if first is None:
             return drive
 
-        def told(log: Samples) -> Samples:
+        def shown_as(log: Samples) -> Samples:
             since_s = 1e-9 * (log.stamp_ns - first.stamp_ns[0])
             headings = shown(log.values[:, 0], float(first.values[0, 0]), since_s, rng)
             return Samples(log.stamp_ns, wrap_angles(headings).reshape(-1, 1))
 
-        return logged(told, "compass")(drive, wrong, rng)
+        return logged(shown_as, "compass")(drive, wrong, rng)
 
     return change
 
@@ -397,8 +397,8 @@ def another_field(*names: str) -> Change:
     """The first of these fields that is not its own is told."""
 
     def change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
-        told = open_field(next(name for name in names if name != drive.field.name))
-        return replace(drive, setup=replace(drive.setup, field=told))
+        other = open_field(next(name for name in names if name != drive.field.name))
+        return replace(drive, setup=replace(drive.setup, field=other))
 
     return change
 
@@ -414,10 +414,10 @@ def similar(turn_rad: float = 0.0, scale: float = 1.0, flipped: bool = False, ra
     def change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
         start_s = drive.times_s[int(np.argmax(wrong))]
 
-        def told(frame: Frame, seen: Observation) -> Observation:
+        def changed(frame: Frame, seen: Observation) -> Observation:
             return turned(seen, turn_rad + rate_rad_s * (frame.stamp_ns / 1e9 - start_s), scale, flipped)
 
-        return seen_as(drive, told, wrong)
+        return seen_as(drive, changed, wrong)
 
     return change
 
@@ -438,13 +438,13 @@ def head(pan_rad: Angle | None = None, nod_rad: Angle | None = None) -> Change:
     def change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
         start_s, height_m = float(drive.times_s[int(np.argmax(wrong))]), drive.setup.height_m or 1.0
 
-        def told(frame: Frame, seen: Observation) -> Observation:
+        def changed(frame: Frame, seen: Observation) -> Observation:
             at_s = frame.stamp_ns / 1e9
             if nod_rad is not None:
                 seen = _on_ground(seen, partial(_farther, nod_rad(at_s, start_s), height_m))
             return seen if pan_rad is None else turned(seen, -pan_rad(at_s, start_s))
 
-        return seen_as(drive, told, wrong)
+        return seen_as(drive, changed, wrong)
 
     return change
 
@@ -477,7 +477,7 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
     assert isinstance(camera, PinholeCamera)
     mount, eye = camera.base_from_camera, camera.base_from_camera.translation_m
     shared = np.array([0.0, 0.0, higher_m / eye[2], 1.0 / (1.0 + longer) - 1.0])
-    told = replace(
+    assumed = replace(
         camera,
         fx=(1.0 + longer) * camera.fx,
         fy=(1.0 + longer) * camera.fy,
@@ -486,10 +486,10 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
 
     errors = camera_errors(camera)
 
-    def as_told(frame: Frame, seen: Observation) -> Observation:
+    def as_assumed(frame: Frame, seen: Observation) -> Observation:
         return _on_ground(seen, partial(placed_points, errors=shared, response=errors.response(frame)))
 
-    return replace(seen_as(drive, as_told), setup=replace(drive.setup, camera=told, height_m=None))
+    return replace(seen_as(drive, as_assumed), setup=replace(drive.setup, camera=assumed, height_m=None))
 
 
 def _on_ground(seen: Observation, moved: Callable[[FloatArray], FloatArray]) -> Observation:

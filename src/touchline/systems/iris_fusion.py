@@ -121,8 +121,8 @@ class IrisFusion:
         self.history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
         self.odometry = DeadReckoning(self.history)
         self.rng = rng
-        told = settings.fusion.paper
-        self.image = ImageMirror(LearnedMirror(field, setup.camera, told.camera_errors, (told.displacement, True)))
+        paper = settings.fusion.paper
+        self.image = ImageMirror(LearnedMirror(field, setup.camera, paper.camera_errors, (paper.displacement, True)))
         self.mirror = self.image.mirror
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
@@ -140,7 +140,7 @@ class IrisFusion:
         self.fusion.forget()
         self.image.reset()
         self.status = Status.SEARCHING
-        self.side.start(known=True, told=prior.pose is not None)
+        self.side.start(known=True, start_known=prior.pose is not None)
         self.stamp_ns: int | None = None
         self.searching = prior.pose is None
         self.restart.reset()
@@ -164,8 +164,8 @@ class IrisFusion:
             self.odometry.pose, motion, vision, duration_s, motion.by_gyro, vision and self.image.doubt(vision.pose)
         )
         self._correct(compass_rad)  # figure 1: the odometry's offset
-        told = self._report(observation, residual_m, clock)
-        return self.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
+        estimate = self._report(observation, residual_m, clock)
+        return self.monitor.judged(estimate, frame, self.history)  # ours: does anything contradict the pose?
 
     def _odometry(self, frame: Frame) -> tuple[Motion, float]:
         """Figure 4: the motion since the last frame, without what is known of the gyro's bias, and its time (s)."""
@@ -273,9 +273,9 @@ class IrisFusion:
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
         self.fusion.search_anew(self.restart.failed, displaced=self.side.wrong)
-        told = self.region is not None or not self.field.is_symmetric
+        end_known = self.region is not None or not self.field.is_symmetric
         believed_rad = self.side.heading(compass_rad)
-        self.side.search(known=told or compass_rad is not None, by_compass=not told)
+        self.side.search(known=end_known or compass_rad is not None, by_compass=not end_known)
         heading_rad, deviation_rad = self._first_headings(believed_rad, self.restart.start())
         if self.region is not None and heading_rad is not None:
             heading_rad -= self.moved.heading

@@ -135,8 +135,8 @@ class NimbroLines:
             self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
         if self.tracker.is_lost and self.settings.paper.restart:
             self._search()  # ours, beside section 5's random particles
-        told = self._report(observation, view, clock)
-        return self.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
+        estimate = self._report(observation, view, clock)
+        return self.monitor.judged(estimate, frame, self.history)  # ours: does anything contradict the pose?
 
     def _search(self) -> None:
         self.tracker.lose()

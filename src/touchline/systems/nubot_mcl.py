@@ -71,5 +71,5 @@ class NubotMcl:
             self.following.judge(view, match, fusion, motion.missing_s)  # judge: five cycles
         if view.usable and not belief.is_tracking:
             match, _ = self.following.search(self.localizer, view, match)  # search: a cycle of particles, (1) to (3)
-        told = report(observation, tracker.filter, belief, match, (), clock, tracker.unseen(view))
-        return self.following.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
+        estimate = report(observation, tracker.filter, belief, match, (), clock, tracker.unseen(view))
+        return self.following.monitor.judged(estimate, frame, self.history)  # ours: does anything contradict the pose?

@@ -92,8 +92,8 @@ class NubotMclAlone:
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view)  # search: the same over the whole field
-        told = report(observation, self.filter, self.belief, match, (), clock)
-        return self.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
+        estimate = report(observation, self.filter, self.belief, match, (), clock)
+        return self.monitor.judged(estimate, frame, self.history)  # ours: does anything contradict the pose?
 
     def _follow(self, view: MatchInput) -> Match | None:
         """One more cycle about the pose; None without a pose, or without usable points."""

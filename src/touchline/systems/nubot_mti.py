@@ -65,5 +65,5 @@ class NubotMti:
             self.following.judge(view, match, fusion, motion.missing_s)  # judge (4.2)
         if view.usable and not belief.is_tracking:
             match, rivals = self.following.search(self.localizer, view, match)  # search: global localization (4.1)
-        told = report(observation, tracker.filter, belief, match, rivals, clock, tracker.unseen(view))
-        return self.following.monitor.judged(told, frame, self.history)  # ours: does anything contradict the pose?
+        estimate = report(observation, tracker.filter, belief, match, rivals, clock, tracker.unseen(view))
+        return self.following.monitor.judged(estimate, frame, self.history)  # ours: does anything contradict the pose?

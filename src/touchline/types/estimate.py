@@ -140,8 +140,8 @@ class Estimate:
 
         None where nothing is estimated; 0 where a system that estimates probabilities names no twin.
         """
-        told = [other.probability for other in self.twins if other.probability is not None]
-        return sum(told) if told or self.probability is not None else None
+        probabilities = [other.probability for other in self.twins if other.probability is not None]
+        return sum(probabilities) if probabilities or self.probability is not None else None
 
     @property
     def twins(self) -> tuple[Hypothesis, ...]:

@@ -133,5 +133,5 @@ class Frame:
         image = "no image" if self.image is None else f"image {self.image.shape[1]}×{self.image.shape[0]}"
         seen = "" if self.observation is None else ", own observation"
         sensors = [(name, getattr(self, name)) for name in ("odometry", "wheels", "gyro", "compass", "tilt")]
-        told = "".join(f", {len(samples)} × {name}" for name, samples in sensors if samples is not None)
-        return f"Frame({self.stamp_ns / 1e9:.3f} s: {image}{seen}{told})"
+        samples_text = "".join(f", {len(samples)} × {name}" for name, samples in sensors if samples is not None)
+        return f"Frame({self.stamp_ns / 1e9:.3f} s: {image}{seen}{samples_text})"

@@ -62,7 +62,7 @@ def opened(entry: Entry, folder: Path) -> tuple[Recording, Drive, str] | None:
             return None
         assert source.truth is not None
         truth = np.asarray(source.truth.poses)
-        start = Prior(Pose(*truth[0].tolist())) if entry.row.told else None
+        start = Prior(Pose(*truth[0].tolist())) if entry.row.start_known else None
         return source, Drive(robot_setup(source), (), truth, source.events, start), files_digest(source.folder)
     drive = entry.drive()
     assert drive is not None

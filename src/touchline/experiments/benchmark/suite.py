@@ -94,7 +94,7 @@ class Row(Settings):
     changes: tuple[str, ...] = Field((), description="of the scenario, KEY=VALUE")
     built: bool = Field(True, description="a humanoid as built; else as simulated, nobody close by")
     seconds: float = Field(30.0, gt=1, description="length of a drive (s)")
-    told: bool = Field(True, description="whether the start is told, within 0.3 m and 10 degrees")
+    start_known: bool = Field(True, description="whether the start is told, within 0.3 m and 10 degrees")
     either_end: bool = Field(False, description="nothing tells the ends apart: both are right, until the next event")
     faults: tuple[FaultRow, ...] = ()
     recording: str = Field("", description="a public recording instead: one drive, on images")
@@ -162,7 +162,7 @@ class Entry:
 
     def moments_s(self, drive: Drive) -> list[float]:
         """From when on (s) the robot has to find itself again: the start, where none is told, kidnaps, falls."""
-        found = [] if self.row.told else [float(drive.times_s[0])]
+        found = [] if self.row.start_known else [float(drive.times_s[0])]
         found += drive.times_of("kidnap")
         found += [fault.start_s for fault in self.faults if fault.name == "kidnapped"]
         found += [fault.start_s + injections.FALL_S for fault in self.faults if fault.name == "fall"]
@@ -185,7 +185,7 @@ def _drive_of(entry: Entry) -> Drive:
         drive = fault.laid_into(drive, rng)
     drive = drive.until(row.seconds)
     start = humanoids.start_about(Pose(*drive.truth[0].tolist()), robot)
-    return replace(drive, prior=Prior(start) if row.told else None)
+    return replace(drive, prior=Prior(start) if row.start_known else None)
 
 
 def digest(drive: Drive) -> str:

@@ -55,12 +55,12 @@ class MirrorTerms(NamedTuple):
 
 def mirror_errors(camera: Camera | None) -> CameraErrors:
     """Those of a mirror, as far as its camera.yaml is unsure; one without a camera.yaml leans and shakes, too."""
-    told, exact = UNTOLD, None
+    uncertainty, exact = UNTOLD, None
     if isinstance(camera, OmniCamera):
-        told, center_px = camera.uncertainty, EXACT_CENTER_RATIO * camera.outer_radius_px
+        uncertainty, center_px = camera.uncertainty, EXACT_CENTER_RATIO * camera.outer_radius_px
         if camera.stated_uncertainty is None:
             exact = np.linalg.inv(stated(CameraUncertainty(EXACT_TILT_DEG, center_px, EXACT_RANGE_RATIO)))
-    prior, response = stated(told), mirror_response(camera if isinstance(camera, OmniCamera) else None)
+    prior, response = stated(uncertainty), mirror_response(camera if isinstance(camera, OmniCamera) else None)
     drift = DRIFT_RATIO * np.sqrt(np.diag(prior))
     misfit = (MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0)
 
@@ -71,10 +71,10 @@ def mirror_errors(camera: Camera | None) -> CameraErrors:
     return CameraErrors(NAMES, HEIGHT_M, prior, drift, LEARNED, LEAN, ALL_ROUND, at, (0.0, 0.0, 0.0), misfit, exact)
 
 
-def stated(told: CameraUncertainty) -> FloatArray:
+def stated(uncertainty: CameraUncertainty) -> FloatArray:
     """Covariance (5, 5) of the errors as far as a camera.yaml is unsure."""
-    lean, aside, scale = 2.0 * math.radians(told.tilt_deg) / HEIGHT_M, told.center_px, told.range_ratio
-    covariance: FloatArray = np.diag(np.square([lean, lean, aside, aside, scale]))
+    lean, aside_px = 2.0 * math.radians(uncertainty.tilt_deg) / HEIGHT_M, uncertainty.center_px
+    covariance: FloatArray = np.diag(np.square([lean, lean, aside_px, aside_px, uncertainty.range_ratio]))
     return covariance
 
 

@@ -40,13 +40,13 @@ SIGMAS = 2.0  # of an error that is found beside its mean
 
 
 @njit(cache=True, error_model="numpy")
-def followed(state, joint, told, noise, drift2):  # type: ignore[no-untyped-def]
+def followed(state, joint, step, noise, drift2):  # type: ignore[no-untyped-def]
     """Move (in place) by a step told (3,), with its covariance (3, 3), robot frame before it."""
     cosine, sine = math.cos(state[2]), math.sin(state[2])
-    x, y = cosine * told[0] - sine * told[1], sine * told[0] + cosine * told[1]
+    x, y = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
     state[0] += x
     state[1] += y
-    state[2] += told[2]
+    state[2] += step[2]
     move = np.eye(7)
     move[0, 2], move[1, 2] = -y, x
     moved = times(times(move, joint), move.T)
@@ -141,14 +141,14 @@ class ConstantOffsets:
         if seconds < MAX_GAP_S:
             assert before_ns is not None
             motion = history.between(before_ns, max(sighting.stamp_ns, before_ns))
-            told = motion.pose.as_array()
-            noise = steps.of(motion) + np.diag(np.square(SCALE * told))
-            change = told / seconds - self._velocity
+            step = motion.pose.as_array()
+            noise = steps.of(motion) + np.diag(np.square(SCALE * step))
+            change = step / seconds - self._velocity
             if (change**2 > CHANGED_SPEED**2 * np.diag(noise) / seconds**2).any():  # noise says nothing of a delay
                 late2 = self._joint[LATE, LATE] + self._state[LATE] ** 2  # and so late over a change of speed
                 noise += np.diag(np.square(0.5 * late2 / seconds * change))
-                self._velocity = told / seconds
-            followed(self._state, self._joint, told, noise, DRIFT**2 * seconds)
+                self._velocity = step / seconds
+            followed(self._state, self._joint, step, noise, DRIFT**2 * seconds)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):

@@ -79,9 +79,9 @@ _BY_IMAGES = np.array(
 
 
 @njit(cache=True, error_model="numpy")
-def _cost(seen, told, weights, i):  # type: ignore[no-untyped-def]
-    """Half the squared Mahalanobis distance of step i from what is told (3,), bounded; NaN is no cost."""
-    x, y, turn = seen[i, 0] - told[0], seen[i, 1] - told[1], seen[i, 2] - told[2]
+def _cost(seen, driven, weights, i):  # type: ignore[no-untyped-def]
+    """Half the squared Mahalanobis distance of step i from a step driven (3,), bounded; NaN is no cost."""
+    x, y, turn = seen[i, 0] - driven[0], seen[i, 1] - driven[1], seen[i, 2] - driven[2]
     turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
     w = weights[i]
     half = 0.5 * (w[0, 0] * x * x + w[1, 1] * y * y + w[2, 2] * turn * turn)
@@ -121,21 +121,21 @@ def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _parameters(seen, told, count):  # type: ignore[no-untyped-def]
+def _parameters(seen, driven, count):  # type: ignore[no-untyped-def]
     """(count,) of the explanations after the signs, over some steps."""
     dot = cross = square = turns = turned2 = moved = 0.0
     for i in range(seen.shape[0]):
-        dot += seen[i, 0] * told[i, 0] + seen[i, 1] * told[i, 1]
-        cross += told[i, 0] * seen[i, 1] - told[i, 1] * seen[i, 0]
-        square += told[i, 0] ** 2 + told[i, 1] ** 2
-        turns += seen[i, 2] * told[i, 2]
-        turned2 += told[i, 2] ** 2
-        moved = max(moved, abs(told[i, 0]) + abs(told[i, 1]) + abs(told[i, 2]))
+        dot += seen[i, 0] * driven[i, 0] + seen[i, 1] * driven[i, 1]
+        cross += driven[i, 0] * seen[i, 1] - driven[i, 1] * seen[i, 0]
+        square += driven[i, 0] ** 2 + driven[i, 1] ** 2
+        turns += seen[i, 2] * driven[i, 2]
+        turned2 += driven[i, 2] ** 2
+        moved = max(moved, abs(driven[i, 0]) + abs(driven[i, 1]) + abs(driven[i, 2]))
     values = np.zeros(count)
     values[0] = min(max(dot / max(square, 1e-9), 0.0), 3.0)
     values[1] = min(max(turns / max(turned2, 1e-9), 0.0), 3.0)
     values[2] = math.atan2(cross, dot)
-    values[3] = np.median(seen[:, 2] - told[:, 2])
+    values[3] = np.median(seen[:, 2] - driven[:, 2])
     values[4] = moved
     return values
 
@@ -150,7 +150,7 @@ def saved(steps, signs, e, value, first):  # type: ignore[no-untyped-def]
         return total
     step = np.zeros(3)
     for i in range(first, steps.seen.shape[0]):
-        _copy(steps.told[i], step)
+        _copy(steps.driven[i], step)
         _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
         total += steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
     return total
@@ -168,7 +168,7 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
         first = max(count - suffixes[s], 0)
         if count - first < 3:
             continue
-        fitted = _parameters(steps.seen[first:], steps.told[first:], others)
+        fitted = _parameters(steps.seen[first:], steps.driven[first:], others)
         every = steps.costs[first:].sum()
         for e in range(len(gains)):
             value = fitted[e - signs.shape[0]] if e >= signs.shape[0] else 0.0
@@ -179,13 +179,13 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
 
 
 class _Steps(NamedTuple):
-    """N steps, robot frame before each: seen, told (N, 3); inverse covariances (N, 3, 3) of their differences; turns by
-    the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without a fitted
-    parameter saves, 0 where that is not known; lags_known (N,): 1 where it is, of lags.
+    """N steps, robot frame before each: seen, driven (N, 3); inverse covariances (N, 3, 3) of their differences;
+    turns by the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without
+    a fitted parameter saves, 0 where that is not known; lags_known (N,): 1 where it is, of lags.
     """
 
     seen: FloatArray
-    told: FloatArray
+    driven: FloatArray
     weights: FloatArray
     gyro: FloatArray
     costs: FloatArray
@@ -194,7 +194,7 @@ class _Steps(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _compared(last, last_covariance, pose, covariance, told):  # type: ignore[no-untyped-def]
+def _compared(last, last_covariance, pose, covariance, driven):  # type: ignore[no-untyped-def]
     """The step (3,) by two images, robot frame before it, and the inverse covariance (3, 3) of its difference from what
     the odometry tells (3,).
     """
@@ -209,7 +209,7 @@ def _compared(last, last_covariance, pose, covariance, told):  # type: ignore[no
     for a in range(3):
         for b in range(3):
             spread[a, b] += last_covariance[2, 2] * aside[a] * aside[b]
-    way2, turn = told[0] * told[0] + told[1] * told[1], told[2]
+    way2, turn = driven[0] * driven[0] + driven[1] * driven[1], driven[2]
     spread[0, 0] += SIGMA_M**2 + SIGMA_RATIO**2 * way2
     spread[1, 1] += SIGMA_M**2 + SIGMA_RATIO**2 * way2
     spread[2, 2] += SIGMA_RAD**2 + (SIGMA_RATIO * turn) ** 2 + BEND_RAD_M**2 * way2
@@ -217,14 +217,14 @@ def _compared(last, last_covariance, pose, covariance, told):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
-def _push(steps, signs, ends, told, delayed, gyro):  # type: ignore[no-untyped-def]
+def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped-def]
     """Add a step behind all others, in place; the first is forgotten. ends: poses (3,) and covariances (3, 3) by the
-    images at its ends; delayed (3,): told if images are as late as is corrected. Its costs as told and as delayed.
+    images at its ends; delayed (3,): driven if images are as late as is corrected. Its costs as driven and as delayed.
     """
     last = steps.costs.shape[0] - 1
     for i in range(last):
         _copy(steps.seen[i + 1], steps.seen[i])
-        _copy(steps.told[i + 1], steps.told[i])
+        _copy(steps.driven[i + 1], steps.driven[i])
         _copy(steps.gains[i + 1], steps.gains[i])
         for a in range(3):
             _copy(steps.weights[i + 1, a], steps.weights[i, a])
@@ -233,18 +233,18 @@ def _push(steps, signs, ends, told, delayed, gyro):  # type: ignore[no-untyped-d
             steps.costs[i + 1],
             steps.lags_known[i + 1],
         )
-    seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], told)
+    seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], driven)
     _copy(seen, steps.seen[last])
-    _copy(told, steps.told[last])
+    _copy(driven, steps.driven[last])
     for a in range(3):
         _copy(weights[a], steps.weights[last, a])
-    raw, late = _cost(steps.seen, told, steps.weights, last), _cost(steps.seen, delayed, steps.weights, last)
+    raw, late = _cost(steps.seen, driven, steps.weights, last), _cost(steps.seen, delayed, steps.weights, last)
     steps.gyro[last], steps.costs[last], steps.lags_known[last] = gyro, min(raw, late), 0.0
     step, count = np.empty(3), signs.shape[0]
     for e in range(steps.gains.shape[1]):
         steps.gains[last, e] = 0.0
     for e in range(count + 2):
-        _copy(told, step)
+        _copy(driven, step)
         _change(step, seen, gyro, signs, e if e < count else e + _FITTED, 0.0)
         if step[0] == step[0] and step[2] == step[2]:
             steps.gains[last, e] = steps.costs[last] - _cost(steps.seen, step, steps.weights, last)
@@ -338,13 +338,13 @@ class MotionRelation:
         return self._tells(AGREEING)
 
     def _tells(self, newest: int) -> bool:
-        x, y, turn = np.abs(self._steps.told[-newest:]).sum(axis=0).tolist()
+        x, y, turn = np.abs(self._steps.driven[-newest:]).sum(axis=0).tolist()
         return bool(x + y > TELLING_M or turn > TELLING_RAD)
 
     @property
     def turns(self) -> bool:
         """Whether the robot has turned of late."""
-        return float(np.abs(self._steps.told[-AGREEING:, 2]).sum()) > TELLING_RAD
+        return float(np.abs(self._steps.driven[-AGREEING:, 2]).sum()) > TELLING_RAD
 
     @property
     def confirms(self) -> bool:
@@ -377,10 +377,10 @@ class MotionRelation:
 
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float) -> None:
         span_ns = (last.stamp_ns, sighting.stamp_ns)
-        told, gyro = _told(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
-        delayed = _told(history, *span_ns, late_s) if late_s else told
+        driven, gyro = _driven(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
+        delayed = _driven(history, *span_ns, late_s) if late_s else driven
         ends = (last.pose, last.covariance, sighting.pose, sighting.covariance)
-        raw, late = _push(self._every, _MULTIPLIERS, ends, told, delayed, gyro)
+        raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro)
         cost = min(raw, late)
         if late_s:
             self._delay_loss = max(self._delay_loss + late - raw, 0.0)
@@ -509,7 +509,7 @@ class MotionRelation:
         if known.sum() < 3:
             return math.inf, math.inf
         by_images = np.abs(np.sin(0.5 * (s.gyro - s.seen[:, 2])))[known].mean()
-        return float(by_images), float(np.abs(np.sin(0.5 * (s.gyro - s.told[:, 2])))[known].mean())
+        return float(by_images), float(np.abs(np.sin(0.5 * (s.gyro - s.driven[:, 2])))[known].mean())
 
     def _drifting(self) -> Explanation:
         images, odometry = self._gyro_agrees()
@@ -534,11 +534,11 @@ def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool
         return True
     if not len(history.odometry.samples):
         return False
-    x, y, turn = _told(history, last.stamp_ns, sighting.stamp_ns, 0.0).tolist()
+    x, y, turn = _driven(history, last.stamp_ns, sighting.stamp_ns, 0.0).tolist()
     return math.hypot(x, y) >= STEP_M or abs(turn) >= STEP_RAD
 
 
-def _told(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -> FloatArray:
+def _driven(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -> FloatArray:
     """(3,) the odometry's step, robot frame before it."""
     late_ns, samples = round(1e9 * late_s), history.odometry.samples
     begin, end = Pose(*samples.at(start_ns - late_ns)), Pose(*samples.at(end_ns - late_ns))

@@ -25,12 +25,12 @@ def bound_covariance(field: FieldModel, positions_m: FloatArray, covariances_m2:
     seen = truth.transform(positions_m)
     offsets = seen - nearest_line_points(field.line_tables, seen)
     distances = np.hypot(offsets[:, 0], offsets[:, 1])
-    told = distances > _ON_THE_LINE_M
-    normals = offsets[told] / distances[told, np.newaxis]
+    off_line = distances > _ON_THE_LINE_M
+    normals = offsets[off_line] / distances[off_line, np.newaxis]
     cosine, sine = math.cos(truth.heading), math.sin(truth.heading)
     in_robot = normals @ np.array([[cosine, -sine], [sine, cosine]])
-    variances = np.einsum("ni,nij,nj->n", in_robot, covariances_m2[told], in_robot)
-    lever = seen[told] - np.array([truth.x, truth.y])
+    variances = np.einsum("ni,nij,nj->n", in_robot, covariances_m2[off_line], in_robot)
+    lever = seen[off_line] - np.array([truth.x, truth.y])
     turns = normals[:, 1] * lever[:, 0] - normals[:, 0] * lever[:, 1]
     slopes = np.column_stack((normals, turns))
     information = (slopes / variances[:, np.newaxis]).T @ slopes

@@ -86,16 +86,16 @@ def visual_covariance(
     points and crossings do, nothing is left.
     """
     s = settings
-    told = principal_information(points, weights, moments, c_m)
-    if told is None:
+    information = principal_information(points, weights, moments, c_m)
+    if information is None:
         return s.unknown
-    values = _values(told.helps)
+    values = _values(information.helps)
     if values[0] <= 0.0:
         # the few points that alone have fixed the direction have turned it, too: along a lone line they would pass for
         # ones that tie its heading to the place along it
-        told = told.turned(_least(told.helps[:, 0]))
-        values = _values(told.helps)
-    return told.covariance(values * told.unit, s)
+        information = information.turned(_least(information.helps[:, 0]))
+        values = _values(information.helps)
+    return information.covariance(values * information.unit, s)
 
 
 def _kept(count: int) -> int:
@@ -113,8 +113,8 @@ def _values(helps: FloatArray) -> FloatArray:
     """(3,) information of points, of which each helps (N, 3), along the three directions but for clutter."""
     kept = _kept(len(helps))
     values = np.partition(helps, kept - 1, axis=0)[:kept].sum(axis=0)
-    told: FloatArray = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)
-    return told
+    left: FloatArray = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)
+    return left
 
 
 class PrincipalInformation(NamedTuple):

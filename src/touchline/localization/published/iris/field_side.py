@@ -34,9 +34,9 @@ class FieldSide:
         self.heading_rad = heading_rad
         self.start(known=True)
 
-    def start(self, known: bool, told: bool = False) -> None:
-        """Follow a robot from now on. known: whether its end is. told: by a person, not by the compass."""
-        self.known, self._told = known, told
+    def start(self, known: bool, start_known: bool = False) -> None:
+        """Follow a robot from now on. known: whether its end is. start_known: from a person, not by the compass."""
+        self.known, self._start_known = known, start_known
         self.doubted = self._unsettled = self.by_compass = self._compass_is_right = False
         self._forget()
 
@@ -50,9 +50,10 @@ class FieldSide:
         self.doubted = (self.doubted or self._contradicts) and not self._moved
         self.by_compass = by_compass and not self._compass_is_right
         jumped = self._unsettled and self.wrong
-        self._unsettled = not jumped and (self.doubted or either_end or self._unsettled or (self._told and self.wrong))
+        refuted = self._start_known and self.wrong
+        self._unsettled = not jumped and (self.doubted or either_end or self._unsettled or refuted)
         self.doubted = self.doubted and not self.wrong
-        self.known, self._told = known and not self._unsettled, False
+        self.known, self._start_known = known and not self._unsettled, False
         self._forget()
 
     def _forget(self) -> None:
@@ -83,7 +84,7 @@ class FieldSide:
             if not self._unsettled or self._had_turned or self._agreed > PATIENCE_FRAMES:
                 self.known = self._confirmed = True
                 self._compass_is_right |= not self.by_compass
-                self.doubted = self._unsettled = self._told = False
+                self.doubted = self._unsettled = self._start_known = False
                 self._against = 0
         if self._turned >= HEADING_FRAMES:
             self._had_turned = True

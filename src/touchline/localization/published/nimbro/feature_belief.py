@@ -98,14 +98,14 @@ class FeatureBelief:
         self._since, self._fix = Agreement(MEMORY_FEATURES), Fix()  # what has been seen since it is to be confirmed
         self.reset()
 
-    def reset(self, told: bool = False) -> None:
-        """Forget everything. told: a person has told the pose, whose word counts as so many features."""
-        self._kept = Status.TRACKING if told else Status.SEARCHING
+    def reset(self, start_known: bool = False) -> None:
+        """Forget everything. start_known: a person has told the pose, whose word counts as so many features."""
+        self._kept = Status.TRACKING if start_known else Status.SEARCHING
         self._confirmed = False
         self.residual_m = math.nan
         self._explained_ns: int | None = None
-        self.start_counting(TOLD_FEATURES if told else CONFIRMING_FEATURES)
-        if told:
+        self.start_counting(TOLD_FEATURES if start_known else CONFIRMING_FEATURES)
+        if start_known:
             self._long.start(CONFIRMING_FEATURES)
             self._recent.start(RECENT_FEATURES)
 

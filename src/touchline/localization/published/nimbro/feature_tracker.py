@@ -48,13 +48,13 @@ class FeatureTracker:
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
         prior = prior or Prior()
-        told = prior.pose is not None
+        start_known = prior.pose is not None
         covariance = self.belief.settings.start_covariance if prior.covariance is None else prior.covariance
         self.filter.forget_lean()
         self.filter.start(prior.pose or Pose(0.0, 0.0, 0.0), covariance)
-        self.belief.reset(told)
-        self.ends.reset(told, prior.own_half)
-        self.has_pose = told
+        self.belief.reset(start_known)
+        self.ends.reset(start_known, prior.own_half)
+        self.has_pose = start_known
         self.turned = False
 
     @property

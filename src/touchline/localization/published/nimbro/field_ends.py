@@ -32,10 +32,10 @@ class FieldEnds:
         self.alike = alike and (symmetric or colours is not None)
         self.reset()
 
-    def reset(self, told: bool = False, own_half: bool = False) -> None:
-        """Start anew. told: a person has told the pose."""
-        self.known = told or own_half or not self.symmetric
-        self.forget_twin(told)
+    def reset(self, start_known: bool = False, own_half: bool = False) -> None:
+        """Start anew. start_known: a person has told the pose."""
+        self.known = start_known or own_half or not self.symmetric
+        self.forget_twin(start_known)
 
     def lose(self) -> None:
         """There is no pose any more."""
@@ -46,9 +46,9 @@ class FieldEnds:
         """Another pose is followed that is no slip away: where nothing tells the ends apart, that leaves both."""
         self.known &= not self.symmetric
 
-    def forget_twin(self, told: bool = False) -> None:
+    def forget_twin(self, start_known: bool = False) -> None:
         """Nothing speaks for the pose against its twin, unless it was told by a person."""
-        self.log_odds = MAX if told else 0.0
+        self.log_odds = MAX if start_known else 0.0
 
     def compare(self, view: FeatureView, pose: Pose) -> bool:
         """Compare a pose and its twin; whether the twin is the pose from now on."""
