@@ -313,6 +313,57 @@ def test_a_new_process_goes_on_where_the_robot_was(tmp_path: Path, monkeypatch: 
     assert second.camera_errors is not None
 
 
+def killed_in_play(path: Path, place: Pose, now_s: list[float]) -> None:
+    """A state of 0.4 s, written by a process whose odometry began at (4, 1, 0)."""
+    first = Localizer("msl-18x12")
+    first.reset(place)
+    kept = StateFile(path, first)
+    for k in range(1, 5):
+        first.add_odometry(100_000_000 * k, 4.0, 1.0, 0.0)
+        estimate = first.localize(100_000_000 * k, points=seen(place, k))
+        kept.take(estimate, estimate.pose.compose(Pose(4.0, 1.0, 0.0).inverse()))
+    kept.close()
+    now_s[0] += 4.6
+
+
+@pytest.mark.parametrize(("origin", "tracked"), [((4.0, 1.0), True), ((0.0, 0.0), False)])
+def test_odometry_that_goes_on_leads_a_new_process(
+    origin: tuple[float, float], tracked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has driven to the other half and turned round meanwhile; where odometry has begun anew, its end is open."""
+    place, moved, path, now_s = Pose(2.0, 1.0, 0.3), Pose(-4.5, 1.0, 2.6), tmp_path / "robot.json", [1.7e9]
+    monkeypatch.setattr("touchline.live.state_file.time.time", lambda: now_s[0])
+    killed_in_play(path, place, now_s)
+    second, now = Localizer("msl-18x12"), place.compose(moved)
+    resume(path, second)
+    x, y = origin[0] + tracked * moved.x, origin[1] + tracked * moved.y
+    found = []
+    for k in range(50, 60):
+        second.add_odometry(100_000_000 * k, x, y, tracked * moved.heading)
+        found.append(second.localize(100_000_000 * k, points=seen(now, k)))
+    assert all(errors(estimate, now)[0] < 0.1 for estimate in found if estimate.status is Status.TRACKING)
+    assert (found[5].status is Status.TRACKING) is tracked
+    assert tracked or found[-1].reason == "which end of the field is open"
+
+
+def test_a_robot_with_a_detector_of_its_own_goes_on(tmp_path: Path) -> None:
+    """No camera is described: what was learned of a perspective one is known before the first crossing."""
+    first, path = Localizer("hsl-s-9x6"), tmp_path / "robot.json"
+    first.reset((-2.5, 1.0, 0.0))
+    kept = StateFile(path, first)
+    robot = Simulation(open_scenario("match-day", 3, 2.0), "points")
+    for k in range(len(robot)):
+        seen_by_it = robot.features(k)
+        kept.take(first.localize(seen_by_it.stamp_ns, observation=seen_by_it))
+    kept.close()
+    learned, second = first.camera_errors, Localizer("hsl-s-9x6")
+    assert learned is not None
+    assert second.camera_errors is not None
+    assert len(second.camera_errors) != len(learned)
+    resume(path, second)
+    assert len(second.camera_errors) == len(learned)
+
+
 def test_the_older_a_state_is_the_less_it_tells() -> None:
     known = [{"pose": [1.0, 2.0, 0.3], "covariance": np.diag([0.01, 0.01, 0.001]).tolist(), "probability": 0.98}]
     young, old = prior_of(known, 2.0), prior_of(known, 1800.0)

@@ -117,6 +117,7 @@ class Localizer:
         self._ahead_pending = _Queue()
         self._predicting = threading.Lock()
         self._prior = Prior()
+        self._prior_at: Callable[[Frame], Prior | None] | None = None
         self._last: Estimate | None = None
 
     def __repr__(self) -> str:
@@ -246,6 +247,7 @@ class Localizer:
                 game=_taken(self._states),
             )
             self.frame = _with_samples(frame, self._pending.take(samples))
+            self._go_on(self.frame)
             return self._finished(self._step(self.frame))
 
     def pose(self, stamp_ns: int) -> Estimate:
@@ -287,7 +289,7 @@ class Localizer:
             self._system.reset(prior)
             if not prior.kept:
                 self._ahead.clear()
-                self._prior, self._last = prior, None
+                self._prior, self._last, self._prior_at = prior, None, None
 
     @property
     def camera_errors(self) -> list[list[float]] | None:
@@ -297,18 +299,29 @@ class Localizer:
         learned = getattr(self.system, "camera_errors", None)
         return None if learned is None else [learned[0].tolist(), *learned[1].tolist()]
 
-    def resume(self, prior: Prior, camera_errors: Sequence[Sequence[float]] | None = None) -> None:
-        """Start where the robot was before its program ended: weighted poses, and what was learned of the camera.
+    def resume(
+        self, prior_at: Callable[[Frame], Prior | None], camera_errors: Sequence[Sequence[float]] | None = None
+    ) -> None:
+        """Start where the robot was before its program ended, and with what was learned of the camera. prior_at: asked
+        at every image, until `reset`, where it may stand by then: weighted poses; None: nothing new.
 
         Raises InputError for errors of another camera. Systems but touchline take the likeliest pose alone.
         """
-        with self._stepping, self._predicting:
+        with self._stepping:
             recall = getattr(self.system, "recall_camera", None)
             if recall is not None and camera_errors:
                 recall(np.array(camera_errors[0], dtype=np.float64), np.array(camera_errors[1:], dtype=np.float64))
-            if recall is None and prior.poses:
-                best = max(prior.poses, key=lambda one: one.weight)
-                prior = Prior(best.pose, covariance=best.covariance)
+            self._prior_at = prior_at
+
+    def _go_on(self, frame: Frame) -> None:
+        """Take what is known of where the robot stands since its program ended."""
+        prior = None if self._prior_at is None else self._prior_at(frame)
+        if prior is None:
+            return
+        if prior.poses and not hasattr(self.system, "recall_camera"):
+            best = max(prior.poses, key=lambda one: one.weight)
+            prior = Prior(best.pose, covariance=best.covariance)
+        with self._predicting:
             self._system.reset(prior)
             self._ahead.clear()
             self._prior, self._last = prior, None

@@ -213,7 +213,7 @@ def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]
 
     def take(published: Published) -> None:
         show(published)
-        kept.take(published.estimate)
+        kept.take(published.estimate, published.map_from_odom)
 
     return take
 

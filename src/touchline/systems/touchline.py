@@ -180,6 +180,8 @@ class Touchline:
 
     def recall_camera(self, errors: FloatArray, covariance: FloatArray) -> None:
         """Begin with what was learned of this camera before. Raises InputError for errors of another one."""
+        if not self._is_described and len(errors) == len(camera_errors(None, HEIGHT_M).names):
+            self._open_perspective()
         self.bank.start.recall(errors, covariance)
 
     def join(self, prior: Prior) -> None:
@@ -254,15 +256,23 @@ class Touchline:
         """An undescribed camera that at first shows lines, crossings or landmarks, and no line points, is a perspective
         one: the parts that depend on the camera are opened anew.
         """
-        described = self.setup.camera is not None or self.setup.height_m is not None
         features = len(seen.lines) + len(seen.crossings) + len(seen.landmarks)
-        if described or self.judged.images or len(seen.points) or not features:
+        if self._is_described or self.judged.images or len(seen.points) or not features:
             return
         best = self.bank.best
-        self.setup = replace(self.setup, height_m=HEIGHT_M)
-        self.open_parts(camera_errors(None, HEIGHT_M))
+        self._open_perspective()
         if best is not None:
             self.bank.reset(Filter(best.filter.pose, best.filter.covariance, self.initial))
+
+    @property
+    def _is_described(self) -> bool:
+        """Whether it is known which kind of camera sees."""
+        return self.setup.camera is not None or self.setup.height_m is not None
+
+    def _open_perspective(self) -> None:
+        """The undescribed camera is a perspective one."""
+        self.setup = replace(self.setup, height_m=HEIGHT_M)
+        self.open_parts(camera_errors(None, HEIGHT_M))
 
     def _search(self, frame: Frame, observation: Observation, image: Image) -> tuple[Sequence[Mode], list[float]]:
         """Poses that explain an image, if the field is searched now, and their log-odds before it was seen."""
