@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.estimator.constant_offsets import AT_FIRST, SIGMAS, ConstantOffsets
+from touchline.localization.estimator.constant_offsets import (
+    AT_FIRST,
+    RISK,
+    ConstantOffsets,
+    PossibleError,
+    exceeded_by,
+)
 from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
@@ -45,24 +51,31 @@ def driven(
 
 @pytest.mark.parametrize("turn_deg", [-5.0, 2.0])
 def test_a_turned_camera_is_within_the_bound_and_the_bound_is_tight(turn_deg: float) -> None:
-    turn = driven(Pose(0.0, 0.0, math.radians(turn_deg))).bound[2]
+    turn = driven(Pose(0.0, 0.0, math.radians(turn_deg))).bound[1]
     assert math.radians(abs(turn_deg)) < turn < math.radians(abs(turn_deg) + 3.0)
 
 
 def test_a_displaced_camera_is_found_in_turns() -> None:
-    mean_m, more_m, _ = driven(Pose(0.3, 0.0, 0.0)).bound
-    assert mean_m == pytest.approx(0.3, abs=0.05)
-    assert more_m < 0.06
+    assert 0.3 < driven(Pose(0.3, 0.0, 0.0)).bound[0] < 0.41
 
 
 def test_what_only_turns_show_stays_unknown_without_them() -> None:
-    assert driven(Pose(0.0, 0.0, 0.0), turns=False).bound[1] > 0.95 * SIGMAS * AT_FIRST[1]
-    assert driven(Pose(0.0, 0.0, 0.0), turns=True).bound[1] < 0.5 * SIGMAS * AT_FIRST[1]
+    assert driven(Pose(0.0, 0.0, 0.0), turns=False).bound[0] > 0.5 * AT_FIRST[1]
+    assert driven(Pose(0.0, 0.0, 0.0), turns=True).bound[0] < 0.2 * AT_FIRST[1]
 
 
 def test_late_images_are_within_the_bound_unless_they_are_corrected() -> None:
     late, mended = (driven(Pose(0.0, 0.0, 0.0), 0.1, speed_m_s=2.0, corrected_s=s) for s in (0.0, 0.1))
     assert late.bound[0] > mended.bound[0] + 0.05
+
+
+def test_errors_widen_the_bound_by_as_much_as_they_are_likely_to_be_there() -> None:
+    assert exceeded_by(PossibleError(RISK, 0.1, 0.2)) == 0.0
+    sure, likely = (exceeded_by(PossibleError(probability, 0.1, 0.2)) for probability in (1.0, 0.01))
+    assert sure == pytest.approx(0.1 + 3.29 * 0.2, rel=0.01)
+    assert likely == pytest.approx(0.1 + 1.645 * 0.2, rel=0.01)
+    both = exceeded_by(PossibleError(0.01, 0.1, 0.2), PossibleError(0.01, 0.0, 0.3))
+    assert likely < both < 1.3 * likely
 
 
 def test_a_camera_whose_clock_is_set_while_it_drives_straight_on_is_in_doubt_until_its_speed_changes() -> None:

@@ -63,13 +63,13 @@ class Odometry:
         if len(self.samples) == 0:
             still = Pose(0.0, 0.0, 0.0)
             return Motion(still, self._covariance(still, 0.0, 0.0, duration_s, duration_s), duration_s)
-        start, end = self._pose_at(start_ns), self._pose_at(end_ns)
+        start, end = self.pose_at(start_ns), self.pose_at(end_ns)
         pose = start.inverse().compose(end)
         missing_s = self._missing_s(start_ns, end_ns)
         travel_m, turn_rad = self._travel(start_ns, end_ns, pose)
         return Motion(pose, self._covariance(pose, travel_m, turn_rad, duration_s, missing_s), missing_s)
 
-    def _pose_at(self, stamp_ns: int) -> Pose:
+    def pose_at(self, stamp_ns: int) -> Pose:
         """Pose in the odometry frame, carried on a little beyond the newest sample."""
         pose = Pose(*self.samples.at(stamp_ns))
         beyond_s = (stamp_ns - self.samples.last_ns) / NANOSECONDS

@@ -3,10 +3,13 @@
 Each of them fits every image. Only the motion tells them from the pose: a turned camera sees the robot drive aside, a
 displaced one swing aside in turns, late images lag where the speed changes. A small filter follows the robot by its
 odometry, knows nothing of the field, and takes each pose by an image alone as the robot's but for these errors. What
-they are, and how large they could still be, widens the protection level. Where images jump, they may all have changed.
+they are, and how large they could still be, widens the protection level as far as they are likely at all: most robots
+have none, and the filter's posterior density of none against its prior's says how likely they are by now (the ratio of
+Savage and Dickey 1971). Where images jump, they may all have changed.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,16 +20,20 @@ from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting, difference
 from touchline.matrices import add_to, applied, dot, inverse, plus, symmetrise, times
 from touchline.motion import MotionHistory
+from touchline.motion.odometry import Odometry
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
-AT_FIRST = np.array([0.08, 0.15, 0.15, 0.08])  # their standard deviations, as a robot is built
+AT_FIRST = np.array([0.08, 0.15, 0.15, 0.08])  # their standard deviations, of a robot that has them
+TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.02, 0.002, 0.02  # shares of all robots that have one of them
+CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
+RISK = 1e-3  # probability of an error beyond its bound
 HEAD_M = 0.05  # of a humanoid's camera in the place of the displacement above
 BLIND_LATE_S = 0.06  # of a delay that was refuted as the explanation of what contradicts
 DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
 UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
 VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
-SCALE = 0.03  # of the odometry
+SCALE = 0.1  # of the odometry
 JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may have changed
 CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
@@ -34,9 +41,9 @@ MAX_GAP_S = 4.0  # between images, after which another pose is followed
 FAR = 1.0  # (m, rad) from where the robot was expected: it was found elsewhere
 MAX_TURN, MAX_LATE_M, MAX_LATE_RAD = 0.26, 0.5, 0.5  # (rad, m, rad) from which a pose is not tracked
 MAX_VARIANCE_M2 = 1.0  # of a pose by an image that tells where the robot is
-CHANGED_SPEED = 2.5  # standard deviations of the odometry's noise from which a change of speed is one
+MIN_SPREAD_S, MAX_SPREAD_S = 0.05, 0.3  # of a delay, over which the robot's way when the image was taken is averaged
 COVERED_NS = round(EXTRAPOLATION_S * NANOSECONDS)  # beyond the newest odometry, which still tells it
-SIGMAS = 2.0  # of an error that is found beside its mean
+BISECTIONS = 10
 
 
 @njit(cache=True, error_model="numpy")
@@ -60,21 +67,21 @@ def followed(state, joint, step, noise, drift2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, seen, covariance, velocity):  # type: ignore[no-untyped-def]
-    """Take (in place) a pose (3,) by an image and its covariance (3, 3), at a velocity (3,), robot frame."""
+def corrected(state, joint, seen, covariance, since, velocity):  # type: ignore[no-untyped-def]
+    """Take (in place) a pose (3,) by an image and its covariance (3, 3); where the robot was when it was taken, by its
+    mean delay, (3,) and its velocity then (3,), robot frame at the stamp. (7,) by what the variances have grown before.
+    """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     vx, vy = cosine * velocity[0] - sine * velocity[1], sine * velocity[0] + cosine * velocity[1]
-    dx, dy = cosine * state[4] - sine * state[5], sine * state[4] + cosine * state[5]
-    by = np.zeros((3, 7))
+    c, s = math.cos(state[2] + since[2]), math.sin(state[2] + since[2])
+    dx, dy = c * state[4] - s * state[5], s * state[4] + c * state[5]
+    dx, dy = dx + cosine * since[0] - sine * since[1], dy + sine * since[0] + cosine * since[1]
+    by, more = np.zeros((3, 7)), np.zeros(7)
     by[0, 0] = by[1, 1] = by[2, 2] = by[2, 3] = 1.0
-    by[0, 2], by[0, 4], by[0, 5], by[0, 6] = -dy, cosine, -sine, -vx
-    by[1, 2], by[1, 4], by[1, 5], by[1, 6] = dx, sine, cosine, -vy
+    by[0, 2], by[0, 4], by[0, 5], by[0, 6] = -dy, c, -s, -vx
+    by[1, 2], by[1, 4], by[1, 5], by[1, 6] = dx, s, c, -vy
     by[2, 6] = -velocity[2]
-    off = np.array([
-        seen[0] - state[0] - dx + state[6] * vx,
-        seen[1] - state[1] - dy + state[6] * vy,
-        seen[2] - state[2] - state[3] + state[6] * velocity[2],
-    ])  # fmt: skip
+    off = np.array([seen[0] - state[0] - dx, seen[1] - state[1] - dy, seen[2] - state[2] - state[3] - since[2]])
     off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
     crossed = times(joint, by.T)
     weight = inverse(plus(times(by, crossed), covariance, 1.0))
@@ -83,7 +90,8 @@ def corrected(state, joint, seen, covariance, velocity):  # type: ignore[no-unty
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
-        more = (way2, way2, turn2, CHANGED * turn2, CHANGED * aside2, CHANGED * aside2, CHANGED * late2)
+        more[0], more[1], more[2], more[3] = way2, way2, turn2, CHANGED * turn2
+        more[4], more[5], more[6] = CHANGED * aside2, CHANGED * aside2, CHANGED * late2
         for k in range(7):
             joint[k, k] += more[k]
         crossed = times(joint, by.T)
@@ -94,6 +102,20 @@ def corrected(state, joint, seen, covariance, velocity):  # type: ignore[no-unty
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
+    return more
+
+
+class PossibleError(NamedTuple):
+    """An error that is there with a probability: the size of its mean, and its standard deviation."""
+
+    probability: float
+    size: float
+    deviation: float
+
+    def exceeding(self, size: float) -> float:
+        """Probability that it is there and larger."""
+        beyond = (size - self.size) / max(self.deviation, 1e-12)
+        return self.probability * min(math.erfc(beyond / math.sqrt(2.0)), 1.0)
 
 
 class ConstantOffsets:
@@ -101,6 +123,8 @@ class ConstantOffsets:
 
     def __init__(self) -> None:
         self._late_s = self._clock_s = 0.0
+        self._clock_set = False  # whether images have come otherwise than before
+        self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
         self.reset()
 
     def reset(self, start: Pose | None = None, covariance: FloatArray = UNKNOWN) -> None:
@@ -115,19 +139,25 @@ class ConstantOffsets:
 
     def update(self, sighting: Sighting, history: MotionHistory, steps: StepNoise, late_s: float) -> None:
         """Take a pose by an image alone. steps: noise of the odometry; late_s: as how late images are corrected."""
-        self._state[LATE] -= late_s - self._late_s
+        if self._stamp_ns is not None:
+            self._state[LATE] -= late_s - self._late_s
         self._late_s = late_s
         self._waiting.append(sighting._replace(stamp_ns=sighting.stamp_ns - round(late_s * NANOSECONDS)))
         odometry = history.odometry.samples
         comes = len(odometry) > 0 and odometry.last_ns != self._newest_ns
         self._newest_ns = odometry.last_ns if comes else self._newest_ns
-        while self._waiting and not (comes and self._waiting[0].stamp_ns > odometry.last_ns + COVERED_NS):
+        early_ns = round(NANOSECONDS * min(max(-float(self._state[LATE]), 0.0), MAX_LATE_S))
+        while self._waiting and not (comes and self._waiting[0].stamp_ns + early_ns > odometry.last_ns + COVERED_NS):
             self._take(self._waiting.pop(0), history, steps)
 
     def blind(self, velocity: FloatArray) -> None:
         """The odometry is wrong: what it told of the camera says nothing. velocity (3,): by images, robot frame."""
+        late2, clock_set = BLIND_LATE_S**2, self._clock_set
+        if clock_set:
+            late2 = max(late2, self._joint[LATE, LATE] + self._state[LATE] ** 2)
         self.reset()
-        self._joint[LATE, LATE] = BLIND_LATE_S**2
+        self._joint[LATE, LATE], self._prior[LATE - 3], self._clock_set = late2, math.sqrt(late2), clock_set
+        self._weigh()
         self._velocity = velocity
 
     def _take(self, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> None:
@@ -135,6 +165,7 @@ class ConstantOffsets:
         if before_ns is None and steps.walks:  # kinematics tell where a head is
             for axis in (AHEAD, AHEAD + 1):
                 self._joint[axis, axis] = min(self._joint[axis, axis], HEAD_M**2)
+            self._prior[1:3] = np.sqrt(np.diag(self._joint)[AHEAD:LATE])
         if not len(history.odometry.samples):
             return
         seconds = math.inf if before_ns is None else max(1e-9 * (sighting.stamp_ns - before_ns), 0.01)
@@ -143,32 +174,51 @@ class ConstantOffsets:
             motion = history.between(before_ns, max(sighting.stamp_ns, before_ns))
             step = motion.pose.as_array()
             noise = steps.of(motion) + np.diag(np.square(SCALE * step))
-            change = step / seconds - self._velocity
-            if (change**2 > CHANGED_SPEED**2 * np.diag(noise) / seconds**2).any():  # noise says nothing of a delay
-                late2 = self._joint[LATE, LATE] + self._state[LATE] ** 2  # and so late over a change of speed
-                noise += np.diag(np.square(0.5 * late2 / seconds * change))
-                self._velocity = step / seconds
             followed(self._state, self._joint, step, noise, DRIFT**2 * seconds)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
-            self._found(sighting.pose)
+            self._found(sighting.pose, elsewhere=before_ns is not None)
         if float(np.trace(sighting.covariance[:2, :2])) > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
             return
         self._given = False
-        corrected(self._state, self._joint, sighting.pose, sighting.covariance + VISION, self._velocity)
+        since, bend = self._taken(sighting.stamp_ns, history.odometry)
+        covariance, before2 = (
+            sighting.covariance + VISION + np.outer(2.0 * bend, 2.0 * bend),
+            np.diag(self._joint)[3:].copy(),
+        )
+        more2 = corrected(self._state, self._joint, sighting.pose, covariance, since, self._velocity)[3:]
+        self._prior[more2 > 0.0] = np.sqrt(before2 + more2)[more2 > 0.0]
+        self._weigh()
 
-    def _found(self, pose: FloatArray) -> None:
-        """The robot was found elsewhere: that may be by any of the errors, and what was in doubt still is."""
-        offsets, spread = self._state[3:].copy(), self._joint[3:, 3:].copy()
+    def _taken(self, stamp_ns: int, odometry: Odometry) -> tuple[FloatArray, FloatArray]:
+        """Where the robot was when an image was taken, by the mean delay, from where it was at the stamp (3,), and by
+        how much its way bends there (3,); its velocity is the mean over the times at which that may have been.
+        """
+        spread_s = min(max(math.sqrt(max(self._joint[LATE, LATE], 0.0)), MIN_SPREAD_S), MAX_SPREAD_S)
+        mean_s = min(max(float(self._state[LATE]), -MAX_LATE_S), MAX_LATE_S)
+        here = odometry.pose_at(stamp_ns).inverse()
+        before, since, after = (
+            here.compose(odometry.pose_at(stamp_ns - round(late_s * NANOSECONDS))).as_array()
+            for late_s in (mean_s + spread_s, mean_s, mean_s - spread_s)
+        )
+        self._velocity = (after - before) / (2.0 * spread_s)
+        return since, 0.5 * (before + after) - since
+
+    def _found(self, pose: FloatArray, elsewhere: bool) -> None:
+        """The robot was found. elsewhere: that may be by any of the errors, and what was in doubt still is."""
+        offsets, spread, clock_set = self._state[3:].copy(), self._joint[3:, 3:].copy(), self._clock_set
         self._begin(pose, UNKNOWN)
-        self._state[3:] = offsets
-        self._joint[3:, 3:] += spread
+        self._state[3:], self._clock_set = offsets, clock_set
+        self._joint[3:, 3:] = spread + (self._joint[3:, 3:] if elsewhere else 0.0)
+        self._prior = np.sqrt(np.diag(self._joint)[3:])
 
     def _begin(self, pose: FloatArray, covariance: FloatArray) -> None:
         self._state = np.concatenate((pose, np.zeros(4)))
         self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
         self._joint[:3, :3] = covariance
+        self._prior, self._clock_set = AT_FIRST.copy(), False
+        self._weigh()
 
     def arrive(self, arrivals: Arrivals, odometry: SampleHistory) -> None:
         """Take how an image has come: where a clock was set it may be stamped later or earlier by that."""
@@ -180,12 +230,13 @@ class ConstantOffsets:
             along = np.array([cosine * x - sine * y, sine * x + cosine * y, turn, 0.0, 0.0, 0.0, 1.0])
             before2 = max(self._joint[LATE, LATE], 0.0)
             self._joint += ((math.sqrt(before2) + abs(arrivals.change_s)) ** 2 - before2) * np.outer(along, along)
+            self._prior[LATE - 3], self._clock_set = math.sqrt(self._joint[LATE, LATE]), True
+            self._weigh()
 
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
-        turn = self._turn_bound
-        late_s = self._late_bound_s
+        turn, late_s = exceeded_by(self._turned), exceeded_by(self._late) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
         if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
@@ -193,26 +244,61 @@ class ConstantOffsets:
         return ""
 
     @property
-    def _late_bound_s(self) -> float:
-        return abs(float(self._state[LATE])) + self._clock_s + SIGMAS * math.sqrt(max(self._joint[LATE, LATE], 0.0))
-
-    @property
     def _speed(self) -> float:
         return max(math.hypot(*self._velocity[:2].tolist()), math.hypot(*self._newest[:2].tolist()))
 
     @property
-    def _turn_bound(self) -> float:
-        turn = abs(wrap_angle(float(self._state[TURNED])))
-        return turn + SIGMAS * math.sqrt(max(self._joint[TURNED, TURNED], 0.0))
+    def bound(self) -> tuple[float, float]:
+        """By how much position (m) and heading (rad) may be off by one of them."""
+        rate = max(abs(float(self._velocity[2])), abs(float(self._newest[2])))
+        (share, late_s, spread_s), speed, turns = self._late, self._speed, self._turned
+        position_m = exceeded_by(self._displaced, PossibleError(share, speed * late_s, speed * spread_s))
+        heading_rad = exceeded_by(turns, PossibleError(share, rate * late_s, rate * spread_s))
+        return position_m + self._clock_s * speed, heading_rad + self._clock_s * rate
 
-    @property
-    def bound(self) -> tuple[float, float, float]:
-        """Of the position (m): the mean of its error, and `SIGMAS` of it; of the heading (rad), both together."""
-        by = np.zeros((2, 7))
-        by[0, AHEAD] = by[1, AHEAD + 1] = 1.0
-        by[:, LATE] = -self._velocity[:2]
-        x, y = (by @ self._state).tolist()
-        (xx, xy), (_, yy) = (by @ self._joint @ by.T).tolist()
-        major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-        turn = self._turn_bound + self._clock_s * abs(float(self._newest[2]))
-        return math.hypot(x, y) + self._clock_s * self._speed, SIGMAS * math.sqrt(major2), turn
+    def _weigh(self) -> None:
+        """How large each of the errors may be, and how likely it is there; two at once are too rare to count."""
+        self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
+        shares = TURNED_ROBOTS, DISPLACED_ROBOTS, CLOCK_SET if self._clock_set else LATE_ROBOTS
+        found = single_errors(self._state[3:], self._joint[3:, 3:], self._prior).tolist()
+        odds = [share * math.exp(min(each[2], 30.0)) for each, share in zip(found, shares, strict=True)]
+        total = max(1.0 - sum(shares), 0.0) + sum(odds)
+        self._turned, self._displaced, self._late = (
+            PossibleError(each / total, mean, deviation) for (mean, deviation, _), each in zip(found, odds, strict=True)
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def single_errors(offsets, spread, prior):  # type: ignore[no-untyped-def]
+    """(3, 3) of a turn, a displacement and a delay, as if there were none of the others: the size of its mean, its
+    largest standard deviation, and by how much (logarithm of a ratio) what was seen speaks for it. offsets (4,) and
+    their covariance (4, 4); prior (4,): standard deviations before.
+    """
+    information = inverse(spread)
+    shown, found = applied(information, offsets), np.empty((3, 3))
+    for k in range(3):
+        a, b = ((0, 0), (1, 2), (3, 3))[k]
+        xx, yy, xy = information[a, a], information[b, b], information[a, b] if a != b else 0.0
+        x, y, prior2 = (yy * shown[a] - xy * shown[b]), (xx * shown[b] - xy * shown[a]), prior[a] * prior[b]
+        det = xx * yy - xy * xy
+        least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+        found[k, 0], found[k, 1] = math.hypot(x, y) / det, 1.0 / math.sqrt(least)
+        found[k, 2] = 0.5 * (x * shown[a] + y * shown[b]) / det - 0.5 * math.log(det) - math.log(prior2)
+        if a == b:  # counted twice
+            found[k, 0] = abs(x) / det
+            found[k, 2] *= 0.5
+    return found
+
+
+def exceeded_by(*errors: PossibleError) -> float:
+    """What they exceed with a probability of RISK, where one alone may be there; by bisection."""
+    low, high = 0.0, max(error.size + 4.0 * error.deviation for error in errors)
+    if sum(error.probability for error in errors) <= RISK:
+        return 0.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        if sum(error.exceeding(middle) for error in errors) > RISK:
+            low = middle
+        else:
+            high = middle
+    return high

@@ -193,10 +193,10 @@ class Integrity:
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-        mean_m, deviation_m, turn = self.offsets.bound
+        offset_m, turn = self.offsets.bound
         unseen = history.between(self._seen_ns, stamp_ns).pose if self._seen_ns < stamp_ns else NOWHERE
         unseen_m = math.hypot(unseen.x, unseen.y)
-        position_m = math.hypot(wider * math.sqrt(major2), deviation_m) + max(mean_m, PROTECTION_M)
+        position_m = math.hypot(wider * math.sqrt(major2), offset_m) + PROTECTION_M
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
         if position_m > ALERT_M or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
@@ -235,6 +235,7 @@ class Integrity:
                 self.offsets.blind(self._velocity)
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples)
+        self.relation.clock_s += self.arrivals.change_s
         self._confirm(jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)

@@ -36,6 +36,7 @@ REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
+ARRIVED = 10.0  # log-odds for a lag by which images come otherwise than before
 BACKWARDS = 10.0  # log-odds against images in which a camera that shows what lies ahead would look back
 CONFIRMING = 3  # steps that confirm a pose
 WORTH = 15.0  # cost of a window in which there is anything to explain
@@ -309,6 +310,7 @@ class MotionRelation:
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
         self._delay_loss = 0.0  # of late, by a delay that is corrected
         self._alarmed: tuple[int, float] | None = None  # explanation and parameter
+        self.clock_s = 0.0  # by how much later images are stamped since they come otherwise
 
     @property
     def _steps(self) -> _Steps:
@@ -415,6 +417,8 @@ class MotionRelation:
         gains[: len(SIGNS)] -= FREEDOM - 1.0
         gains[len(SIGNS) :] -= FREEDOM
         gains[FIRST_LAG:] -= 1.0
+        if self.clock_s:
+            gains[FIRST_LAG + int(np.argmin(np.abs(LAGS_S - self.clock_s)))] += ARRIVED
         gains[GYRO] -= CLEARLY  # it says what turns otherwise, not why: a sign or a scale says more
         if not self.all_round:
             gains[BACK_TO_FRONT] -= BACKWARDS
