@@ -20,7 +20,7 @@ from touchline.localization.registration.features import Features
 from touchline.localization.registration.joint import Seen, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import Registration
-from touchline.localization.registration.seen import seen_of
+from touchline.localization.registration.seen import seen_of, seen_points
 from touchline.simulation.cameras.factory import open_simulated_camera
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.scenario import CameraSettings
@@ -204,7 +204,7 @@ def looked_at(seen: Seen, state: FloatArray, began: FloatArray, width_m: float, 
         variance = ratio * (normal @ seen.covariances_m2[i] @ normal) + PLAN.floor_m2
         reach = width_m**2 + PLAN.gate2 * variance
         weight = seen.shares[i] * (reach / (reach + d * d)) ** 2 / (seen.noise * variance)
-        rows.append((row(normal, raw, at), d, weight))
+        rows.append((row(normal, raw, foot), d, weight))
         density = math.exp(-0.5 * d * d / variance) / math.sqrt(2.0 * math.pi * variance)
         log_likelihood += seen.shares[i] * math.log(PLAN.clutter_per_m + density)
         explained += seen.shares[i] * (d * d < 9.0 * variance)
@@ -220,7 +220,7 @@ def looked_at(seen: Seen, state: FloatArray, began: FloatArray, width_m: float, 
         other = points.peaks[i] * max(total - math.exp(-exponent), 0.0)
         weight = seen.feature_share * likely / (likely + other + points.floors[i]) / soft
         off = np.zeros(2) if place_m is None else at - place_m
-        rows += [(row(normal, raw, at), float(normal @ off), weight) for normal in np.linalg.cholesky(own).T]
+        rows += [(row(normal, raw, at - off), float(normal @ off), weight) for normal in np.linalg.cholesky(own).T]
         right = points.trust[i] * likely / (likely + points.floors[i])
         log_likelihood += seen.feature_share * math.log(points.floors[i] + likely)
         explained, of = explained + right, of + points.trust[i]
@@ -257,3 +257,22 @@ def test_the_fit_is_that_of_plain_numpy(kind: Kind) -> None:
     narrowed = np.linalg.slogdet(after)[1] - np.linalg.slogdet(prior.information)[1]
     assert found.contradiction == pytest.approx(0.5 * (off @ prior.information @ off + narrowed), abs=1e-2)
     assert Pose(*found.state[:3].tolist()).distance_to(truth) < 0.04
+
+
+def test_the_noise_of_two_lines_tells_nothing_of_the_attitude() -> None:
+    """A corner gives four numbers: of x, y, heading, roll and pitch one combination stays as unknown as it was."""
+    rng = np.random.default_rng(2)
+    response = PerspectiveResponse(np.array([0.0, 0.0, 0.5]), AXIS, fisheye=False)
+    truth = Pose(7.0, 4.0, 0.9)
+    along = np.linspace(1.0, 2.5, 60)[:, np.newaxis]
+    half = np.abs(FIELD.segments[:, :2]).max(axis=0)
+    corner = np.concatenate((half - along * (1.0, 0.0), half - along * (0.0, 1.0)))
+    points = truth.inverse().transform(corner + rng.normal(0.0, 0.02, corner.shape))
+    spread = np.tile(0.02**2 * np.eye(2), (len(points), 1, 1))
+    seen = seen_points(LinePoints(points, spread, np.ones(len(points)), np.full_like(points, np.nan)), 0.25)
+    deviations = np.array([0.3, 0.3, 0.15, 0.05, 0.05, 1e-4, 1e-4])
+    prior = StatePrior(np.array([*truth, 0.0, 0.0, 0.0, 0.0]), np.diag(deviations**-2.0))
+    found = Registration(FIELD.distance_map()).fit_state(seen, prior.mean, prior, PLAN, response)
+    told = np.linalg.eigvalsh(found.information * np.outer(deviations, deviations)[:7, :7])[2:]
+    assert told[0] < 0.1  # 0.37 with derivatives at the points
+    assert told[1] > 30.0

@@ -118,7 +118,8 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / (px * px + py * py + _MIN_RANGE2_M2)
         spread = rx * rx * c[i, 0, 0] + 2.0 * rx * ry * c[i, 0, 1] + ry * ry * c[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
-        fill_rows(rows, i, i, (rx, ry), ((px, py), (bx, by)), terms, prepared)
+        # derivatives are those of the line: off it, noise would tell errors that leave every line where it is
+        fill_rows(rows, i, i, (rx, ry), ((px, py), (lx, ly)), terms, prepared)
         rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
@@ -149,10 +150,10 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
         bx, by = place(px, py, terms, prepared, i)
         points.positions_m[i, 0], points.positions_m[i, 1] = bx, by
         nearest, least, total = best_place(points, i, tables, False, turned)
-        likely, weight, off_x, off_y, w = 0.0, 0.0, 0.0, 0.0, points.own_information[i]
+        likely, weight, lx, ly, w = 0.0, 0.0, bx, by, points.own_information[i]
         if nearest >= 0:
             dx, dy = places[nearest, 0] - pose[0], places[nearest, 1] - pose[1]
-            off_x, off_y = bx - cosine * dx - sine * dy, by - cosine * dy + sine * dx
+            lx, ly = cosine * dx + sine * dy, cosine * dy - sine * dx
             soft = 1.0 + width_m * width_m * 0.5 * (w[0, 0] + w[1, 1])  # of a wide kernel
             likely = points.peaks[i] * math.exp(-least / soft)
             other = points.peaks[i] * max(total - math.exp(-least), 0.0)
@@ -163,15 +164,15 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
             row = first + 2 * i + half
             rx, ry = (l00, l10) if half == 0 else (0.0, math.sqrt(max(w[1, 1] - l10 * l10, 0.0)))
             rows[0, row], rows[1, row] = cosine * rx - sine * ry, sine * rx + cosine * ry
-            rows[2, row] = ry * bx - rx * by
-            fill_rows(rows, row, i, (rx, ry), ((px, py), (bx, by)), terms, prepared)
-            rows[distance_row, row], rows[weight_row, row] = rx * off_x + ry * off_y, weight
+            rows[2, row] = ry * lx - rx * ly
+            fill_rows(rows, row, i, (rx, ry), ((px, py), (lx, ly)), terms, prepared)
+            rows[distance_row, row], rows[weight_row, row] = rx * (bx - lx) + ry * (by - ly), weight
         if len(counts) == 0:
             continue
         right = points.trust[i] * likely / (likely + points.floors[i])
         counts[_EXPLAINED] += right
         counts[_OF] += points.trust[i]
-        counts[_DISTANCE] += right * math.hypot(off_x, off_y)
+        counts[_DISTANCE] += right * math.hypot(bx - lx, by - ly)
         counts[_LOG_LIKELIHOOD] += seen.feature_share * math.log(points.floors[i] + likely)
 
 
