@@ -12,6 +12,7 @@ import typer
 from touchline.cli.console import errors_console, plain_table, say, wide_output
 from touchline.cli.options import DaskAddress, WorkerCount
 from touchline.errors import InputError
+from touchline.messages import counted
 
 _LINE_EVERY_S = 10.0
 NOTHING = "(?!)"  # a regular expression that matches nothing
@@ -60,7 +61,7 @@ def experiment(
         for chosen in experiments:
             result = _run(chosen, seeds, hands, (output, NOTHING if draw else part))
             files = write_result(result, output, list(EXPERIMENTS))
-            say(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
+            say(f"{result.name}: {result.title}; {counted(result.seeds, 'seed')}", style="bold")
             wide_output().print(plain_table(*result.columns, rows=result.rows, no_wrap=True), soft_wrap=False)
             say(*result.notes, style="dim")
             say(f"written: {', '.join(str(path) for path in files)}\n")

@@ -36,7 +36,8 @@ class Experiment:
         module = importlib.import_module(f"touchline.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.name.replace("-", "_"))
         with progress_to(listener, workers, kept):
-            return replace(function(seeds), name=self.name, seeds=seeds)
+            result = function(seeds)
+            return replace(result, name=self.name, seeds=result.seeds or seeds)
 
 
 EXPERIMENTS = {

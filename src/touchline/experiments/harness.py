@@ -149,7 +149,7 @@ class Headline:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ExperimentResult:
-    """Result of an experiment over `seeds` seeds; `Experiment.run` tells its name and them.
+    """Result of an experiment over `seeds` seeds; `Experiment.run` tells its name, and them where they count.
 
     columns, rows: the table, as text; numbers are means over the seeds, ± is their standard deviation. notes: whole
     sentences on what was simulated and counted. pictures: by name, without ending. overlays: images (H, W, 3), B, G,
@@ -254,7 +254,8 @@ def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = 
 
 def result_page(result: ExperimentResult, pictures: Iterable[str]) -> str:
     """The experiment's own page, Markdown."""
-    lines = [f"# {result.name}", "", f"{result.title}. {result.seeds} seeds; ± is their standard deviation.", ""]
+    spread = f" {result.seeds} seeds; ± is their standard deviation." if result.seeds > 1 else ""
+    lines = [f"# {result.name}", "", f"{result.title}.{spread}", ""]
     lines += [_row(result.columns), "|---" * len(result.columns) + "|", *(_row(row) for row in result.rows), ""]
     lines += [line for note in result.notes for line in (note, "")]
     lines += [line for name in pictures for line in (f"![{result.name}]({name})", "")]
