@@ -86,6 +86,8 @@ def corrected(state, joint, seen, covariance, since, velocity):  # type: ignore[
     crossed = times(joint, by.T)
     weight = inverse(plus(times(by, crossed), covariance, 1.0))
     if dot(off, applied(weight, off)) > JUMP:
+        if covariance[0, 0] + covariance[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
+            return more
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
@@ -179,8 +181,6 @@ class ConstantOffsets:
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
-        if float(np.trace(sighting.covariance[:2, :2])) > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
-            return
         self._given = False
         since, bend = self._taken(sighting.stamp_ns, history.odometry)
         covariance, before2 = (
