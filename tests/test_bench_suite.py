@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -197,7 +199,10 @@ def test_a_run_goes_on_where_it_was_cut_off(small: Path, tmp_path: Path, capsys:
 def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     inputs, answers = tmp_path / "inputs", tmp_path / "still"
     assert main(["bench", "export", str(small), str(inputs), "--robots", "1"]) == 0
-    assert main(["bench", "export", str(small), str(inputs), "--robots", "1"]) == 2  # nothing is overwritten
+    files = {path: path.stat().st_mtime_ns for path in inputs.rglob("*.csv")}
+    assert main(["bench", "export", str(small), str(inputs), "--robots", "2"]) == 0  # goes on behind the first
+    assert files.items() <= {path: path.stat().st_mtime_ns for path in inputs.rglob("*.csv")}.items()
+    assert len([*inputs.iterdir()]) == 4
     answers.mkdir()
     start = (inputs / "mirror-calm-msl-18x12-100" / "start.tum").read_text(encoding="utf-8").split()
     rows = (inputs / "mirror-calm-msl-18x12-100" / "observations.csv").read_text(encoding="utf-8").splitlines()[1:]
@@ -214,6 +219,21 @@ def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.Captu
     answers.mkdir()
     assert main(["bench", "score", str(small), str(answers)]) == 2
     assert "holds no result of small" in capsys.readouterr().err
+    (inputs / "mirror-calm-msl-18x12-100" / "odometry.csv").write_text("t,x,y,theta\n", encoding="utf-8")
+    assert main(["bench", "export", str(small), str(inputs), "--robots", "1"]) == 2  # nothing is overwritten
+
+
+def test_the_program_of_the_how_to_is_an_entry(drive: Drive, tmp_path: Path) -> None:
+    write_inputs(drive, tmp_path / "inputs" / "walk", "walk")
+    program = Path(__file__).parents[1] / "examples" / "bench_suite" / "odometry.py"
+    subprocess.run([sys.executable, program, tmp_path / "inputs", tmp_path / "odometry"], check=True)
+    answers = read_answers(tmp_path / "odometry" / "walk.csv")
+    track = track_of_answers(drive.times_s, drive.truth, answers)
+    assert track.tracking.all()
+    told = drive.prior.pose if drive.prior is not None and drive.prior.pose is not None else Pose(*drive.truth[0])
+    np.testing.assert_allclose(track.poses[0], told, atol=1e-3)
+    moved, walked = (np.hypot(*(poses[-1, :2] - poses[0, :2])) for poses in (track.poses, drive.truth))
+    assert moved == pytest.approx(walked, abs=0.1)
 
 
 def test_the_one_figure_is_the_mean_of_rows_and_says_which_are_missing() -> None:

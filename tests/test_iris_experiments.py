@@ -239,7 +239,7 @@ def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
 
     for name in ("tour", "from_a_to_b"):
         monkeypatch.setattr(iris_points, name, tour)
-    monkeypatch.setattr(iris_points, "recorded_tour", lambda seed: None)
+    monkeypatch.setattr(iris_points, "recorded_tour", lambda seed, paper: None)
     lone = len(missed) == 1
     for name, count in (("iris-points", 11), ("iris-tracks", 8), ("iris-track", 7)):
         found = EXPERIMENTS[name].run(2)

@@ -113,9 +113,9 @@ def test_a_flip_counts_while_it_is_called_tracking(
 
 def test_the_papers_experiments_are_counted_where_we_are_better_than_every_other_system() -> None:
     conditions = [own.Condition(name, papers="one") for name in "ab"]
-    runs = {(c.name, system): [Errors(2.0, 3.0, 0.1, 100.0, 0)] * 3 for c in conditions for system in SYSTEMS}
+    runs = {(c.name, system): [Errors(2.0, 2.0, 3.0, 0.1, 100.0, 0)] * 3 for c in conditions for system in SYSTEMS}
     for name, ours in (("a", 1.0), ("b", 1.9)):
-        runs[name, OWN] = [Errors(ours + 0.1 * n, 3.0, 0.1, 100.0, 0) for n in range(3)]
+        runs[name, OWN] = [Errors(ours + 0.1 * n, ours, 3.0, 0.1, 100.0, 0) for n in range(3)]
     rows = own._paper_rows(conditions, runs)
     assert [each[3] for each in rows] == ["1 of 2; not: b (one)", "2 of 2"]
 
@@ -130,7 +130,7 @@ def test_a_drive_under_a_condition_has_its_faults(monkeypatch: pytest.MonkeyPatc
 
 
 def test_pictures_are_drawn_of_few_runs() -> None:
-    errors = [Errors(1.0, 2.0, 0.1, 100.0, 0)]
+    errors = [Errors(1.0, 1.0, 2.0, 0.1, 100.0, 0)]
     own._picture({(condition.name, system): errors for condition in own.CONDITIONS for system in SYSTEMS})
     told = np.linspace(0.0, 1.0, 200)
     kept = own_points.Kept(1.0, 1.0, 1.0, 1.0, told, told > 0.5, 1.0)
@@ -164,14 +164,14 @@ def test_a_system_is_followed_without_each_part() -> None:
 def test_ours_stands_beside_the_best_other_robot_by_robot() -> None:
     first = own.CONDITIONS[0]
     runs = {
-        (first.name, system): [Errors(1.0 + k + n, 2.0, 0.1, 100.0, n) for n in range(3)]
+        (first.name, system): [Errors(1.0 + k + n, 1.0 + k, 2.0, 0.1, 100.0, n) for n in range(3)]
         for k, system in enumerate(SYSTEMS)
     }
     rows = own._rows(first, runs)
     assert all(len(each) == len(COLUMNS) for each in rows)
     assert rows[0][:4] == (first.title, "mean (cm)", "–", "2.00 [1.00, 3.00]")
     assert rows[0][-1] == "-1.00 [-1.00, -1.00]"
-    assert rows[4][3] == "2"
+    assert rows[-1][3] == "2"
 
 
 def test_a_row_has_a_dash_where_nothing_is_told() -> None:

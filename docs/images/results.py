@@ -2,6 +2,8 @@
 
 touchline experiment all --output results
 python docs/images/results.py results
+
+A folder of some experiments replaces their rows and sections alone.
 """
 
 from __future__ import annotations
@@ -66,13 +68,19 @@ def section(folder: Path, name: str) -> list[str]:
 def main(folder: Path) -> None:
     """Write the page and its pictures."""
     PICTURES.mkdir(parents=True, exist_ok=True)
+    page = DOCS / "results.md"
+    head, *parts = page.read_text(encoding="utf-8").split("\n## ")
+    before = {part.partition("\n")[0]: [*f"## {part}".rstrip("\n").splitlines(), ""] for part in parts}
     summary = table_rows((folder / PAGE).read_text(encoding="utf-8"))
-    rows = [row.replace(".md)", ")").replace("](", "](#", 1) if row.startswith("| [") else row for row in summary]
-    missing = [name for name in EXPERIMENTS if not any(row.startswith(f"| [{name}]") for row in rows)]
-    assert not missing, f"no results of {', '.join(missing)}"
-    lines = [HEAD.format(core=core_name()), *rows, ""]
-    lines += [line for name in EXPERIMENTS for line in section(folder, name)]
-    (DOCS / "results.md").write_text("\n".join(lines).rstrip("\n") + "\n", encoding="utf-8")
+    rows = [row.replace(".md)", ")").replace("](", "](#", 1) for row in summary if row.startswith("| [")]
+    done = {row[len("| [") :].partition("]")[0]: row for row in rows}
+    if set(done) >= set(EXPERIMENTS):
+        lines = [HEAD.format(core=core_name()), *summary[:2], *(done[name] for name in EXPERIMENTS)]
+    else:
+        lines = [done.get(line[len("| [") :].partition("]")[0], line) for line in head.rstrip("\n").splitlines()]
+    lines.append("")
+    lines += [line for name in EXPERIMENTS for line in (section(folder, name) if name in done else before[name])]
+    page.write_text("\n".join(lines).rstrip("\n") + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,17 @@ from touchline.experiments.harness import (
     percent,
     spread,
 )
-from touchline.experiments.scenes import CARPET, FIELD, RED, dots, image_figure, new_figure, public_recording, way
+from touchline.experiments.scenes import (
+    CARPET,
+    FIELD,
+    RED,
+    dots,
+    field_axes,
+    image_figure,
+    new_figure,
+    public_recording,
+    way,
+)
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
@@ -128,7 +139,8 @@ _ALONE = (
 )
 _RECORDED = (
     f"Recorded: the {RECORDING} images with black sectors laid over them, at the same angles in the image; "
-    f"{RECORDED_SEEDS} seeds, those of the particles."
+    f"{RECORDED_SEEDS} seeds, those of the particles. Its form finds its points there by the detector of the paper's "
+    "reference 25."
 )
 _NOT_FOUND = f"The recording {RECORDING} was not found; TOUCHLINE_DATA names the folder of the recordings."
 
@@ -273,15 +285,16 @@ def _recorded(seeds: int) -> list[tuple[Condition, Runs]]:
         return []
     setup = RobotSetup(recording.field, recording.camera)
     blind = drive_of(recording, setup, [replace(frame, image=None) for frame in recording])
-    found: dict[str, list[Run]] = {c.name: [] for c in CONDITIONS}
-    for c, seed in follow([(c, seed) for c in CONDITIONS for seed in range(seeds)], "recorded drives"):
-        system = open_system(c.system, setup, rng=seed)
+    drives = list(product(CONDITIONS, (OURS, PAPER), range(seeds)))
+    found: dict[tuple[str, str], list[Run]] = {}
+    for c, form, seed in follow(drives, "recorded drives"):
+        system = open_system(c.system, setup, paper_settings(c.system) if form == PAPER else None, rng=seed)
         hidden = black_pixels(recording.camera, c.sectors)
         frames = (replace(frame, image=_blackened(frame.image, hidden)) for frame in recording)
         track = track_of(blind, [system.step(frame) for frame in frames])
-        found[c.name].append(_run_of(track, np.ones(len(track.times_s), dtype=np.bool_), recording.field))
-    renamed = [(replace(c, name=f"recorded, {c.name}", paper=None), found[c.name]) for c in CONDITIONS]
-    return [(c, {(c.name, OURS): runs}) for c, runs in renamed]
+        run = _run_of(track, np.ones(len(track.times_s), dtype=np.bool_), recording.field)
+        found.setdefault((f"recorded, {c.name}", form), []).append(run)
+    return [(replace(c, name=f"recorded, {c.name}", paper=None), found) for c in CONDITIONS]
 
 
 def black_pixels(camera: Camera, sectors: Sectors) -> npt.NDArray[np.bool_]:
@@ -368,16 +381,19 @@ def calibration_figure(calibration: MirrorCalibration, image: ImageArray) -> Fig
 
 
 def distances_figure() -> Figure:
-    """Figure 5 (a): the brighter, the nearer to a line."""
-    found = open_field(FIELD).distance_map()
+    """Figure 5: (a) the brighter, the nearer to a line; (b) the lines that robots are localized by."""
+    field = open_field(FIELD)
+    found = field.distance_map()
     distances = found.values[..., 0]
     low = np.array(found.origin_m)
     high = low + found.resolution_m * (np.array(distances.shape[::-1]) - 1)
-    figure, (axes,) = new_figure(size_in=(8.0, 5.2), labels=("x (m)", "y (m)"))
+    figure, (axes, lines) = new_figure(1, 2, (13.0, 4.4), ("(a)", "(b)"), labels=("x (m)", "y (m)"))
+    field_axes(lines, field)
     extent = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     shown = axes.imshow(distances, cmap="gray_r", vmin=0.0, vmax=2.5, origin="lower", extent=extent)
     figure.colorbar(shown, ax=axes, shrink=0.8, label="distance to the nearest line (m)")
-    axes.grid(visible=False)
+    for each in (axes, lines):
+        each.grid(visible=False)
     return figure
 
 

@@ -1,16 +1,28 @@
-"""schulz-features: lines, crossings and boundary of the line graph against the projected truth."""
+"""schulz-features (figures 1 and 2): lines, crossings and boundary of the line graph against the projected truth."""
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, ground_view
 from touchline.evaluation.feature_truth import Tally, TrueFeatures
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow
-from touchline.experiments.scenes import image_figure, public_recording
-from touchline.experiments.schulz_runs import PAPER, RECORDINGS, random_areas
+from touchline.experiments.scenes import (
+    BLUE,
+    INK,
+    MAGENTA,
+    RED,
+    dots,
+    field_axes,
+    image_figure,
+    new_figure,
+    public_recording,
+)
+from touchline.experiments.schulz_runs import PAPER, RECORDINGS, random_areas, start_about
 from touchline.experiments.schulz_runs import settings as system_settings
 from touchline.geometry import Pose
 from touchline.motion import LeanFilter
@@ -18,7 +30,9 @@ from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
-from touchline.types import Frame, ImageArray
+from touchline.systems import RobotSetup
+from touchline.systems.nimbro_lines import NimbroLines
+from touchline.types import Estimate, Frame, ImageArray, Prior
 
 FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 CROSSINGS_M, LINES_M, LANDMARKS_M = 3.0, 5.0, 5.0
@@ -26,6 +40,7 @@ _PLACES, _SECONDS = 2, 2.0  # per seed, and of each walk there
 VARIANTS = {"ours": system_settings().line_graph, "paper": system_settings(PAPER).line_graph}
 LANDMARKS = {"post": "posts", "pole": "poles", "penalty_mark": "penalty marks"}
 _NOTHING = Tally(0, 0, 0, 0)
+_FIGURE_1 = ("colour classes", "skeleton", "line structure graph", "key nodes")
 
 
 @dataclass(eq=False)
@@ -40,7 +55,6 @@ class FeatureScores:
     landmarks_m: list[float] = field(default_factory=list)
     boundary_px: list[float] = field(default_factory=list)
     time_ms: list[float] = field(default_factory=list)
-    picture: ImageArray | None = None
 
     def add(self, tallies: Mapping[str, Tally]) -> None:
         """Count more."""
@@ -72,8 +86,6 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
         scores.landmarks_m += true.landmark_errors_m(seen.landmarks)
         errors = true.boundary_error_px(seen.boundary.pixels)
         scores.boundary_px += errors[np.isfinite(errors)].tolist()
-        if scores.picture is None and len(seen.crossings) > 1:
-            scores.picture = detector.stages(image)["lines and crossings"]
     return scores
 
 
@@ -129,13 +141,50 @@ def schulz_features(seeds: int) -> ExperimentResult:
             f"Rendered: {_PLACES} walks of {_SECONDS:g} s per seed, each from another place of the field to another. "
             "The camera's pose is that of the IMU or the kinematics, with their errors: these move the boundary, "
             "too. What stands on the field hides its boundary; that counts as error here.",
+            "The pictures are of the first image that shows two crossings, by the paper's own form: the steps of "
+            "figure 1; what is seen, where it lies in the robot frame, and the particles (black the truth, red the "
+            "pose).",
         ),
-        [
-            (f"features-{k}", image_figure([each.picture], (7.2, 4.7))[0])
-            for k, each in enumerate(ours[:2])
-            if each.picture is not None
-        ],
+        figures_1_and_2(_source(FIELDS[0], 0)) if seeds else (),
     )
+
+
+def figures_1_and_2(source: Recording | Simulation) -> list[tuple[str, Figure]]:
+    """Figure 1, the steps from an image to the key nodes; figure 2, what is seen, egocentric, and localized by it.
+
+    Of the first image with two crossings, by the paper's own form; none where no image shows them.
+    """
+    system = NimbroLines(RobotSetup(source.field, source.camera), system_settings(PAPER), np.random.default_rng(0))
+    detector = system.detector
+    assert detector is not None
+    for index, (frame, truth) in enumerate(_frames(source)):
+        if not index:
+            system.reset(Prior(start_about(truth, 0)))
+        found = system.step(frame)
+        if frame.image is not None and found.observation is not None and len(found.observation.crossings) > 1:
+            stages = detector.stages(frame.image)
+            steps = image_figure([stages[name] for name in _FIGURE_1], (13.0, 2.4))[0]
+            return [("figure1", steps), ("figure2", _figure_2(stages["lines and crossings"], system, found, truth))]
+    return []
+
+
+def _figure_2(image: ImageArray, system: NimbroLines, found: Estimate, truth: Pose) -> Figure:
+    figure, (seen, egocentric, field_axis) = new_figure(1, 3, (13.0, 3.6), ("seen", "robot frame (m)", "particles"))
+    seen.imshow(image[..., ::-1])
+    seen.axis("off")
+    assert found.observation is not None
+    for one, other in found.observation.lines.ends_m:
+        egocentric.plot([one[0], other[0]], [one[1], other[1]], color=RED)
+    for kind, place in zip(found.observation.crossings.kinds, found.observation.crossings.positions_m, strict=True):
+        egocentric.annotate(str(kind), place, color=MAGENTA, weight="bold")
+    dots(egocentric, found.observation.landmarks.positions_m, BLUE)
+    dots(egocentric, np.zeros((1, 2)), INK, 7.0, marker=">")
+    egocentric.set_aspect("equal")
+    field_axes(field_axis, system.setup.field)
+    dots(field_axis, system.particles.particles.poses, BLUE, 1.5, zorder=2)
+    for pose, tint in ((truth, INK), (found.pose, RED)):
+        field_axis.quiver(*pose[:2], math.cos(pose.heading), math.sin(pose.heading), color=tint, scale=15.0, zorder=3)
+    return figure
 
 
 def _source(name: str, seed: int | None) -> Recording | Simulation:
@@ -154,7 +203,6 @@ def _together(one: FeatureScores, other: FeatureScores) -> FeatureScores:
         landmarks_m=one.landmarks_m + other.landmarks_m,
         boundary_px=one.boundary_px + other.boundary_px,
         time_ms=one.time_ms + other.time_ms,
-        picture=other.picture if one.picture is None else one.picture,
     )
     both.add(other.tallies)
     return both

@@ -28,9 +28,9 @@ _NOTES = (
     f"The scenario humanoid-walk on {FIELD} at the observation level, {SECONDS:g} s from target area to target area, "
     "per seed; the start is told within 0.3 m and 10°, all three tracks are of the same frames. The robots are those "
     "of schulz-accuracy. The paper recorded one circle, and had no truth for it.",
-    "Means over the frames. Right: within 0.5 m and 20° of the truth, and believed by the system. No lines: posts, "
-    "poles and marks alone; only lines: lines and crossings. The paper tracks without global localization here, and so "
-    "does its own form: no random particles.",
+    "Means over the frames. Right: within 0.5 m and 20° of the truth, and believed by the system. No lines: posts "
+    "and poles alone, without the centre circle and penalty marks; only lines: lines and crossings. The paper tracks "
+    "without global localization here, and so does its own form: no random particles.",
 )
 
 Tracks = Mapping[str, Track]  # by condition

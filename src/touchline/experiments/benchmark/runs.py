@@ -1,10 +1,12 @@
 """Systems on the entries of a suite, and the files of results: a line for each drive, so that a run can go on."""
 
+import filecmp
 import json
 import math
 import os
 import platform
 import resource
+import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -130,16 +132,24 @@ def _scored(entry: Entry, source: Recording, drive: Drive, start: Prior | None, 
 def export(entry: Entry, folder: Path, mcap: bool = True) -> str:
     """Write an entry's inputs into a folder, as a folder and as MCAP; returns their hash.
 
-    Raises InputError for a folder of that name that is there already.
+    What an earlier export has written is left. Raises InputError for a folder of that name that holds something else.
     """
     drive = entry.drive()
     if drive is None:
         return ""  # a public recording: everybody has its files
     target = folder / entry.name
+    made = target.with_name(f"{entry.name}.part")
+    shutil.rmtree(made, ignore_errors=True)  # of an export that was interrupted
+    write_inputs(drive, made, entry.name)
     if target.exists():
-        raise InputError(f"{target}: exists already and is not overwritten; choose another folder")
-    write_inputs(drive, target, entry.name)
-    if mcap:
+        names = [path.name for path in made.iterdir()]
+        same, _, _ = filecmp.cmpfiles(made, target, names, shallow=False)
+        shutil.rmtree(made)
+        if len(same) < len(names):
+            raise InputError(f"{target}: exists already with other contents; choose another folder")
+    else:
+        made.rename(target)
+    if mcap and not target.with_suffix(".mcap").exists():
         from touchline.sources.bags.with_rosbags import Codec
         from touchline.sources.bags.writing import McapWriter, write_recording
 

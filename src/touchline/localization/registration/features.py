@@ -39,7 +39,9 @@ class FeatureKinds(Settings):
     crossings: bool = Field(True, description="L-, T- and X-crossings")
     posts: bool = Field(True, description="goal posts and the middles of goals")
     poles: bool = Field(True, description="poles beside the field")
-    marks: bool = Field(True, description="penalty marks and the centre circle's middle; the paper names neither")
+    marks: bool = added(
+        True, paper=False, description="penalty marks and the centre circle's middle; the paper names neither"
+    )
 
 
 class FeatureNoiseSettings(Settings):
