@@ -71,6 +71,8 @@ async function hover(share) {
   const spot = new DOMPoint(run.x[40], run.y[40]).matrixTransform(id("metres").getScreenCTM());
   mouse("mousemove", id("path"), spot.x, spot.y); await wait(50);
   told.path = row();
+  const boxes = ["play", "path"].map(name => id(name).getBoundingClientRect());
+  told.beside = boxes.map(box => box.top >= 0 && box.bottom <= innerHeight);
   id("play").click(); await wait(1000); id("play").click();
   told.played = row();
   const stopped = row(); await wait(300);
@@ -124,6 +126,7 @@ def check(told: dict[str, Any]) -> None:
     assert told["path"] == pytest.approx(40, abs=1)
     assert told["played"] - told["path"] == pytest.approx(10, abs=3)
     assert told["stays"]
+    assert told["beside"] == [True, True]  # what plays is beside what it moves
     assert told["overflow"] <= 0
     assert told["smallest"] >= 9.0
 

@@ -24,7 +24,7 @@ pytest.importorskip("rclpy", reason="pip install 'touchline[ros-test]'")
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import OccupancyGrid, Odometry
@@ -64,6 +64,8 @@ class Robot:
             self.samples = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(file)]
         with (EXAMPLE / "images.csv").open() as file:
             self.pictures = [(float(row["t"]), EXAMPLE / row["file"]) for row in csv.DictReader(file)]
+        rows = (EXAMPLE / "ground_truth.tum").read_text().splitlines()
+        self.truth = [row.split() for row in rows if not row.startswith("#")]
 
     def listen(self, kind: Any, topic: str, qos: Any = 10) -> None:
         self.node.create_subscription(kind, topic, self.received[topic].append, qos)
@@ -98,6 +100,18 @@ class Robot:
             else:
                 message.data = event.read_bytes()
                 self.images.publish(message)
+
+    def start_at_the_truth(self) -> None:
+        """Say on /initialpose where it stands, as RViz does."""
+        publisher = self.node.create_publisher(PoseWithCovarianceStamped, "/initialpose", 10)
+        assert self.spin_until(lambda: publisher.get_subscription_count() > 0, 30)
+        place, message = self.truth[0], PoseWithCovarianceStamped()
+        message.header.frame_id = "map"
+        message.pose.pose.position.x, message.pose.pose.position.y = float(place[1]), float(place[2])
+        message.pose.pose.orientation.z, message.pose.pose.orientation.w = float(place[6]), float(place[7])
+        message.pose.covariance[0] = message.pose.covariance[7] = message.pose.covariance[35] = 0.01
+        publisher.publish(message)
+        self.spin_until(lambda: False, 1.0)
 
     def state(self) -> str:
         """Of the node."""
@@ -143,6 +157,7 @@ def test_the_node_localises_and_publishes_what_ros_s_programs_show(robot: Robot,
         "/touchline/path": PathMessage,
         "/touchline/hypotheses": PoseArray,
         "/touchline/lines_seen": MarkerArray,
+        "/touchline/look": PoseStamped,
         "/touchline/overlay/compressed": CompressedImage,
         "/diagnostics": DiagnosticArray,
     }
@@ -151,6 +166,7 @@ def test_the_node_localises_and_publishes_what_ros_s_programs_show(robot: Robot,
             robot.listen(kind, topic)
         assert robot.spin_until(lambda: robot.state() == "active", 60)
         robot.spin_until(lambda: robot.images.get_subscription_count() > 0, 30)
+        robot.start_at_the_truth()
         robot.play(0.5)
         robot.spin_until(robot.tracked, 30)
         for topic, kind in {
@@ -172,6 +188,9 @@ def test_the_node_localises_and_publishes_what_ros_s_programs_show(robot: Robot,
     pose = robot.received["/touchline/pose"][0]
     assert pose.header.frame_id == "map"
     assert pose.pose.covariance[0] > 0.0
+    stamp_s, place = pose.header.stamp.sec - 10**9 + 1e-9 * pose.header.stamp.nanosec, pose.pose.pose.position
+    x, y = (float(cell) for cell in min(robot.truth, key=lambda row: abs(float(row[0]) - stamp_s))[1:3])
+    assert math.hypot(place.x - x, place.y - y) < 0.3  # at the end that was told
 
 
 def test_parameters_are_described_and_a_lifecycle_manager_leads_the_node(robot: Robot, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from foreign_bags import Types, compressed, foreign_messages, write_foreign
+from rosbags.highlevel import AnyReader
 from small_recordings import borrow
 
 from touchline.cli import main
@@ -24,7 +25,10 @@ def test_two_commands_from_a_humanoid_s_mcap_to_poses(
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(bag), "--field", "hsl-s-9x6"]) in (0, 1)
     assert main(["run", str(bag), "--field", "hsl-s-9x6", "--own-half", "--output", "run"]) == 0
-    assert "Traceback" not in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
+    assert said.out.count("ms median") == 1  # one figure of speed, named
+    assert not any(unit in said.out for unit in ("frames/s", "images/s"))
     poses = [line.split() for line in Path("run/trajectory.tum").read_text().splitlines() if not line.startswith("#")]
     assert len(poses) == len(robot)
     assert float(poses[0][0]) > 1e9  # the bag's own clock
@@ -33,3 +37,13 @@ def test_two_commands_from_a_humanoid_s_mcap_to_poses(
     assert truth is not None
     for pose, (x, y, _) in list(zip(poses, truth.poses, strict=False))[6:]:
         assert abs(float(pose[1]) - x) + abs(float(pose[2]) - y) < 0.3
+    on_its_clock = [f"{pose[0]} {x} {y} 0 0 0 0 1" for pose, (x, y, _) in zip(poses, truth.poses, strict=True)]
+    Path("truth.tum").write_text("\n".join(on_its_clock))
+    capsys.readouterr()
+    assert main(["evaluate", "run", "--truth", "truth.tum"]) == 0
+    assert f"{len(robot)} frames counted" in capsys.readouterr().out
+    assert main(["convert", "run", "results.mcap"]) == 0
+    with AnyReader([Path("results.mcap")]) as reader:
+        topics = {connection.topic for connection in reader.connections}
+    shown = {"pose", "path", "hypotheses", "particles", "field_lines", "map", "lines_seen", "overlay/compressed"}
+    assert {"/tf", "/diagnostics", *(f"/touchline/{name}" for name in shown)} <= topics

@@ -117,6 +117,7 @@ def test_what_is_searched_may_be_numbers_or_choices() -> None:
     ("text", "said"),
     [
         ("matching.c=1:2", "there is no setting 'matching.c'"),
+        ("line_sigma_m=0.1:0.2", "there is no setting 'line_sigma_m'; touchline systems NAME lists them"),
         ("matching.c_m", "expected KEY=LOW:HIGH"),
         ("matching.c_m=2:1", "LOW has to be below HIGH"),
         ("matching.c_m=1:2:lin", "expected KEY=LOW:HIGH"),

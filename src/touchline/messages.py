@@ -9,9 +9,9 @@ _REPR = reprlib.Repr()
 _REPR.maxlevel, _REPR.maxstring, _REPR.maxlong, _REPR.maxother = 2, 60, 40, 60
 
 
-def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """A sentence that names the nearest known words, or all of them."""
-    near = difflib.get_close_matches(word[:200], known, n=1, cutoff=0.5)
+def did_you_mean(word: str, known: Sequence[str], alike: float = 0.5) -> str:
+    """A sentence that names the nearest known words, or all of them. alike: share of letters that has to agree."""
+    near = difflib.get_close_matches(word[:200], known, n=1, cutoff=alike)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 

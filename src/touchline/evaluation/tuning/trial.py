@@ -53,7 +53,7 @@ def dimension_from_text(text: str, model: type[Settings]) -> Dimension:
         raise InputError(f"--search {text}: {_EXAMPLE}")
     known = {row[0]: row[1] for row in settings_rows(model)}
     if key not in known:
-        meant = did_you_mean(key, list(known))
+        meant = did_you_mean(key, list(known), alike=0.7)
         hint = f"{meant} " if meant.startswith("did you mean") else ""
         raise InputError(f"--search {text}: there is no setting '{key}'; {hint}touchline systems NAME lists them")
     if ":" in values:
