@@ -11,10 +11,21 @@ from numba import njit
 
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
-from touchline.field.offset_map import look_up_offset
+from touchline.field.offset_map import CHUNK, OFFSETS, look_up_offsets, lookup_of
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import camera_errors
-from touchline.localization.camera_errors.base import Response, fill_rows, place, placed_points, prepare, terms_at
+from touchline.localization.camera_errors.base import (
+    COLUMNS,
+    NORMAL,
+    PLACED,
+    Response,
+    chunks_of,
+    fill_all,
+    place_all,
+    placed_points,
+    prepare,
+    terms_at,
+)
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.joint import Seen, StatePrior
@@ -60,22 +71,37 @@ def ground() -> FloatArray:
 
 @njit
 def compiled_places(points, errors, began, response):  # type: ignore[no-untyped-def]
-    """Points (N, 2) as `place` puts them, prepared at the errors (K,) with which a fit began."""
-    terms, prepared, out = terms_at(errors, response), prepare(points, began, response), np.empty_like(points)
-    for i in range(points.shape[0]):
-        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], terms, prepared, i)
+    """Points (N, 2) as `place_all` puts them, prepared at the errors (K,) with which a fit began."""
+    terms, prepared, room = terms_at(errors, response), prepare(points, began, response), np.zeros(20 * CHUNK)
+    out, rows = np.empty_like(points), chunks_of(points)
+    for i in range(len(points)):
+        place_all(rows[i // CHUNK], room, terms, prepared[i // CHUNK])
+        out[i, 0], out[i, 1] = room[PLACED + i % CHUNK], room[PLACED + CHUNK + i % CHUNK]
     return out
 
 
 @njit
 def compiled_columns(points, placed, normals, errors, began, response):  # type: ignore[no-untyped-def]
-    """Derivatives (K, N) by the errors of where points lie along normals (N, 2)."""
-    terms, prepared = terms_at(errors, response), prepare(points, began, response)
-    rows = np.zeros((3 + errors.shape[0], points.shape[0]))
-    for i in range(points.shape[0]):
-        seen, at = (points[i, 0], points[i, 1]), (placed[i, 0], placed[i, 1])
-        fill_rows(rows, i, i, (normals[i, 0], normals[i, 1]), (seen, at), terms, prepared)
-    return rows[3:]
+    """Derivatives (K, N) by the errors of where points, a chunk at most, lie along normals (N, 2)."""
+    terms, prepared, room = terms_at(errors, response), prepare(points, began, response), np.zeros(20 * CHUNK)
+    for i in range(len(points)):
+        room[PLACED + i], room[PLACED + CHUNK + i] = placed[i, 0], placed[i, 1]
+        room[NORMAL + i], room[NORMAL + CHUNK + i] = normals[i, 0], normals[i, 1]
+    fill_all(chunks_of(points)[0], room, terms, prepared[0])
+    columns = np.zeros((len(errors), len(points)))
+    for k in range(len(errors)):
+        for i in range(len(points)):
+            columns[k, i] = room[COLUMNS + (3 + k) * CHUNK + i]
+    return columns
+
+
+@njit
+def offset_at(table, x, y):  # type: ignore[no-untyped-def]
+    """The offset (2,) at one place."""
+    places = np.zeros(4 * CHUNK)
+    places[0], places[CHUNK] = x, y
+    look_up_offsets(lookup_of(table), places)
+    return np.array((places[OFFSETS], places[OFFSETS + CHUNK]))
 
 
 def differences(points: FloatArray, normals: FloatArray, errors: FloatArray, response: Response) -> FloatArray:
@@ -196,7 +222,7 @@ def looked_at(seen: Seen, state: FloatArray, began: FloatArray, width_m: float, 
 
     placed = compiled_places(seen.positions_m, errors, began, kind.response)
     for i, (raw, at) in enumerate(zip(seen.positions_m, placed, strict=True)):
-        offset = np.array(look_up_offset(offsets, *Pose(*pose.tolist()).transform(at[None])[0].tolist()))
+        offset = offset_at(offsets, *Pose(*pose.tolist()).transform(at[None])[0].tolist())
         d = float(np.hypot(*offset))
         normal = Pose(0.0, 0.0, -pose[2]).transform(offset[None] / d)[0]
         foot = at - d * normal

@@ -1,7 +1,7 @@
 """What a built camera differs by from its camera.yaml: errors that all its images share, states of the filter.
 
 One record for every kind of camera, one file for each. What compiled loops need of a kind stands there: it overloads
-`prepare`, `terms_at`, `place` and `fill_rows` for its types, and the loops of `registration` are compiled once for
+`prepare`, `terms_at`, `place_all` and `fill_all` for its types, and the loops of `registration` are compiled once for
 each kind.
 """
 
@@ -15,8 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from touchline.field.offset_map import CHUNK
 from touchline.geometry import FloatArray
 
+# where in the room (15 CHUNK,) of a chunk what is known of its points begins, number by number: place in the field and
+# offset from the line there (`look_up_offsets`), where they belong, normals of the lines, derivatives
+PLACED, NORMAL, COLUMNS = 4 * CHUNK, 6 * CHUNK, 8 * CHUNK
+MAX_STATES = 8
 Response = Any  # a NamedTuple of arrays and numbers, of a type of its own for each kind of camera
 
 
@@ -119,21 +124,36 @@ def terms_at(errors: Any, response: Any) -> Any:
     """What all points have in common at errors (K,): a NamedTuple of numbers, which stay in registers."""
 
 
-def place(x: Any, y: Any, terms: Any, prepared: Any, i: Any) -> Any:
-    """(x, y): where point i belongs, robot frame (m), as a camera without errors would see it."""
+def place_all(row: Any, room: Any, terms: Any, prepared: Any) -> None:
+    """Into room[PLACED:] where a chunk's points belong, robot frame (m), as a camera without errors would see them.
 
-
-def fill_rows(rows: Any, row: Any, i: Any, normal: Any, points: Any, terms: Any, prepared: Any) -> Any:
-    """Into rows[3:3 + K, row]: derivative by the errors of where point i lies along a normal (2,), robot frame.
-
-    points: the point as seen, and where `place` puts it.
+    row: x, y as seen (2 CHUNK,). prepared: the chunk's row of `prepare`.
     """
+
+
+def fill_all(row: Any, room: Any, terms: Any, prepared: Any) -> None:
+    """Derivatives by the errors of where a chunk's points lie along the normals in room[NORMAL:], robot frame, into
+    room[COLUMNS + 3 CHUNK:]. They are as seen in `row`, and belong where room[PLACED:] says.
+    """
+
+
+@njit(cache=True, error_model="numpy")
+def chunks_of(points):  # type: ignore[no-untyped-def]
+    """Points (N, 2) as rows (C, 2 CHUNK), a chunk each, x before y; the last one is filled up with zeros."""
+    rows = np.zeros(((points.shape[0] + CHUNK - 1) // CHUNK, 2 * CHUNK))
+    for i in range(points.shape[0]):
+        rows[i // CHUNK, i % CHUNK], rows[i // CHUNK, CHUNK + i % CHUNK] = points[i, 0], points[i, 1]
+    return rows
 
 
 @njit(cache=True, error_model="numpy")
 def placed_points(points, errors, response):  # type: ignore[no-untyped-def]
     """Points (N, 2) as a camera without errors (K,) would have seen them, robot frame (m)."""
     terms, prepared, out = terms_at(errors, response), prepare(points, errors, response), np.empty_like(points)
+    rows, room = chunks_of(points), np.empty(COLUMNS)
     for i in range(points.shape[0]):
-        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], terms, prepared, i)
+        k = i % CHUNK
+        if k == 0:
+            place_all(rows[i // CHUNK], room, terms, prepared[i // CHUNK])
+        out[i, 0], out[i, 1] = room[PLACED + k], room[PLACED + CHUNK + k]
     return out

@@ -18,8 +18,20 @@ from numba.extending import overload
 
 from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
+from touchline.field.offset_map import CHUNK
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.base import ALL_ROUND, CameraErrors, Lean, fill_rows, place, prepare, terms_at
+from touchline.localization.camera_errors.base import (
+    ALL_ROUND,
+    COLUMNS,
+    NORMAL,
+    PLACED,
+    CameraErrors,
+    Lean,
+    fill_all,
+    place_all,
+    prepare,
+    terms_at,
+)
 from touchline.localization.camera_errors.mirror_response import (
     HEIGHT_M,
     SCALE_STEP_M,
@@ -107,7 +119,10 @@ def _aside(shape, errors):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _shape(shapes, i):  # type: ignore[no-untyped-def]
-    return shapes[0, i], shapes[1, i], shapes[2, i], shapes[3, i], shapes[4, i], shapes[5, i]
+    return (
+        shapes[i], shapes[CHUNK + i], shapes[2 * CHUNK + i],
+        shapes[3 * CHUNK + i], shapes[4 * CHUNK + i], shapes[5 * CHUNK + i],
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -134,12 +149,14 @@ def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
 
     def shapes(points, errors, response):  # type: ignore[no-untyped-def]
         """`_parts` half way to where the points belong."""
-        out = np.empty((6, points.shape[0]))
+        out = np.zeros(((points.shape[0] + CHUNK - 1) // CHUNK, 6 * CHUNK))
         for i in range(points.shape[0]):
             px, py = points[i, 0], points[i, 1]
             x, y = _aside(_parts(px, py, response.parts), errors)
             shape = _parts(px + 0.5 * x, py + 0.5 * y, response.parts)
-            out[0, i], out[1, i], out[2, i], out[3, i], out[4, i], out[5, i] = shape
+            row, k = out[i // CHUNK], i % CHUNK
+            row[k], row[CHUNK + k], row[2 * CHUNK + k] = shape[0], shape[1], shape[2]
+            row[3 * CHUNK + k], row[4 * CHUNK + k], row[5 * CHUNK + k] = shape[3], shape[4], shape[5]
         return out
 
     return shapes
@@ -154,36 +171,40 @@ def _terms_at(errors, response):  # type: ignore[no-untyped-def]
     )
 
 
-@overload(place, jit_options={"error_model": "numpy"})
-def _place(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
+@overload(place_all, jit_options={"error_model": "numpy"})
+def _place_all(row, room, terms, prepared):  # type: ignore[no-untyped-def]
     if not _is_mirror(terms):
         return None
 
-    def upright(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
-        qx, qy = _shifted(x, y, terms, _shape(prepared, i))
-        nearer, square = _nearer(qx, qy, terms), terms.height_m * terms.height_m
-        return nearer * (qx + square * terms[0]), nearer * (qy + square * terms[1])
+    def upright(row, room, terms, prepared):  # type: ignore[no-untyped-def]
+        square = terms.height_m * terms.height_m
+        for i in range(CHUNK):
+            qx, qy = _shifted(row[i], row[CHUNK + i], terms, _shape(prepared, i))
+            nearer = _nearer(qx, qy, terms)
+            room[PLACED + i] = nearer * (qx + square * terms[0])
+            room[PLACED + CHUNK + i] = nearer * (qy + square * terms[1])
 
     return upright
 
 
-@overload(fill_rows, jit_options={"error_model": "numpy"})
-def _fill_rows(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
+@overload(fill_all, jit_options={"error_model": "numpy"})
+def _fill_all(row, room, terms, prepared):  # type: ignore[no-untyped-def]
     if not _is_mirror(terms):
         return None
 
-    def columns(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
-        seen, placed = points
-        rx, ry = normal
-        cxx, cxy, cyy, gxx, gxy, gyy = _shape(prepared, i)
-        qx, qy = _shifted(seen[0], seen[1], terms, (cxx, cxy, cyy, gxx, gxy, gyy))
-        nearer, square = _nearer(qx, qy, terms), terms.height_m * terms.height_m
-        outward = rx * placed[0] + ry * placed[1]
-        mx, my = nearer * (rx + outward * terms[0]), nearer * (ry + outward * terms[1])  # before the tilt
-        rows[3, row] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
-        rows[4, row] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
-        rows[5, row] = cxx * mx + cxy * my
-        rows[6, row] = cxy * mx + cyy * my
-        rows[7, row] = seen[0] * mx + seen[1] * my
+    def columns(row, room, terms, prepared):  # type: ignore[no-untyped-def]
+        square = terms.height_m * terms.height_m
+        for i in range(CHUNK):
+            rx, ry = room[NORMAL + i], room[NORMAL + CHUNK + i]
+            cxx, cxy, cyy, gxx, gxy, gyy = _shape(prepared, i)
+            qx, qy = _shifted(row[i], row[CHUNK + i], terms, (cxx, cxy, cyy, gxx, gxy, gyy))
+            nearer = _nearer(qx, qy, terms)
+            outward = rx * room[PLACED + i] + ry * room[PLACED + CHUNK + i]
+            mx, my = nearer * (rx + outward * terms[0]), nearer * (ry + outward * terms[1])  # before the tilt
+            room[COLUMNS + 3 * CHUNK + i] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
+            room[COLUMNS + 4 * CHUNK + i] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
+            room[COLUMNS + 5 * CHUNK + i] = cxx * mx + cxy * my
+            room[COLUMNS + 6 * CHUNK + i] = cxy * mx + cyy * my
+            room[COLUMNS + 7 * CHUNK + i] = row[i] * mx + row[CHUNK + i] * my
 
     return columns

@@ -14,8 +14,20 @@ from numba.extending import overload
 
 from touchline.camera import Camera, ground_view
 from touchline.errors import InputError
+from touchline.field.offset_map import CHUNK
 from touchline.geometry import FloatArray, Pose3
-from touchline.localization.camera_errors.base import SECTOR, CameraErrors, Lean, fill_rows, place, prepare, terms_at
+from touchline.localization.camera_errors.base import (
+    COLUMNS,
+    NORMAL,
+    PLACED,
+    SECTOR,
+    CameraErrors,
+    Lean,
+    fill_all,
+    place_all,
+    prepare,
+    terms_at,
+)
 from touchline.localization.camera_errors.fisheye_focal import angle_stretch, scaled_angle
 from touchline.types import Frame
 
@@ -104,7 +116,7 @@ def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
         return None
 
     def nothing(points, errors, response):  # type: ignore[no-untyped-def]
-        return np.empty((0, points.shape[0]))
+        return np.empty(((points.shape[0] + CHUNK - 1) // CHUNK, 0))
 
     return nothing
 
@@ -125,54 +137,74 @@ def _terms_at(errors, response):  # type: ignore[no-untyped-def]
     return numbers
 
 
-@overload(place, jit_options={"error_model": "numpy"})
-def _place(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", inline="always")
+def _bent(x, y, terms):  # type: ignore[no-untyped-def]
+    """A ground point (m) from the camera's foot as a pinhole of the right focal length sees it."""
+    axis, h = terms.axis, terms.eye[2]
+    along = x * axis[0] + y * axis[1] - h * axis[2]
+    if along > 0.0:
+        wide = 1.0 + terms.focal_ratio
+        bent = along * terms.focal_ratio
+        down = (h * wide + axis[2] * bent) / h
+        x, y = (x * wide - axis[0] * bent) / down, (y * wide - axis[1] * bent) / down
+    return x, y
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _levelled(x, y, terms):  # type: ignore[no-untyped-def]
+    """A ground point from the camera's foot as a level camera at the right height sees it, robot frame (m)."""
+    h, (ax, ay) = terms.eye[2], terms.ahead
+    x, y = ax * x + ay * y, ax * y - ay * x
+    c, s = terms.pitch
+    depth = h * c + x * s
+    x, y = (x * c - h * s) * h / depth, y * h / depth
+    c, s = terms.roll
+    depth = h * c - y * s
+    stretch = (1.0 + terms.height_ratio) * h / depth
+    x, y = x * stretch, (y * c + h * s) * stretch
+    return ax * x - ay * y + terms.eye[0], ay * x + ax * y + terms.eye[1]
+
+
+@overload(place_all, jit_options={"error_model": "numpy"})
+def _place_all(row, room, terms, prepared):  # type: ignore[no-untyped-def]
     if not _is_perspective(terms):
         return None
 
-    def levelled(x, y, terms, prepared, i):  # type: ignore[no-untyped-def]
-        eye, axis = terms.eye, terms.axis
-        x, y, h = x - eye[0], y - eye[1], eye[2]
-        along = x * axis[0] + y * axis[1] - h * axis[2]
-        if terms.fisheye:
-            x, y = scaled_angle(x, y, terms.focal_ratio, h, axis)
-        elif along > 0.0:
-            wide = 1.0 + terms.focal_ratio
-            bent = along * terms.focal_ratio
-            down = (h * wide + axis[2] * bent) / h
-            x, y = (x * wide - axis[0] * bent) / down, (y * wide - axis[1] * bent) / down
-        ax, ay = terms.ahead
-        x, y = ax * x + ay * y, ax * y - ay * x
-        c, s = terms.pitch
-        depth = h * c + x * s
-        x, y = (x * c - h * s) * h / depth, y * h / depth
-        c, s = terms.roll
-        depth = h * c - y * s
-        stretch = (1.0 + terms.height_ratio) * h / depth
-        x, y = x * stretch, (y * c + h * s) * stretch
-        return ax * x - ay * y + eye[0], ay * x + ax * y + eye[1]
+    def levelled(row, room, terms, prepared):  # type: ignore[no-untyped-def]
+        eye = terms.eye
+        if terms.fisheye:  # not within the loop: functions of angles are no SIMD instructions
+            for i in range(CHUNK):
+                x, y = row[i] - eye[0], row[CHUNK + i] - eye[1]
+                x, y = scaled_angle(x, y, terms.focal_ratio, eye[2], terms.axis)
+                room[PLACED + i], room[PLACED + CHUNK + i] = _levelled(x, y, terms)
+        else:
+            for i in range(CHUNK):
+                x, y = _bent(row[i] - eye[0], row[CHUNK + i] - eye[1], terms)
+                room[PLACED + i], room[PLACED + CHUNK + i] = _levelled(x, y, terms)
 
     return levelled
 
 
-@overload(fill_rows, jit_options={"error_model": "numpy"})
-def _fill_rows(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
+@overload(fill_all, jit_options={"error_model": "numpy"})
+def _fill_all(row, room, terms, prepared):  # type: ignore[no-untyped-def]
     if not _is_perspective(terms):
         return None
 
-    def columns(rows, row, i, normal, points, terms, prepared):  # type: ignore[no-untyped-def]
-        eye, axis = terms.eye, terms.axis
-        placed = points[1]
-        rx, ry = normal
-        x, y, h = placed[0] - eye[0], placed[1] - eye[1], eye[2]
-        ax, ay = terms.ahead
-        u, v, ru, rv = ax * x + ay * y, ax * y - ay * x, ax * rx + ay * ry, ax * ry - ay * rx
-        rows[3, row] = (ru * u * v + rv * (h * h + v * v)) / h
-        rows[4, row] = -(ru * (h * h + u * u) + rv * u * v) / h
-        rows[5, row] = rx * x + ry * y
-        along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
-        if terms.fisheye:
-            along = angle_stretch(x, y, h, axis)
-        rows[6, row] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
+    def columns(row, room, terms, prepared):  # type: ignore[no-untyped-def]
+        eye, axis, h, (ax, ay) = terms.eye, terms.axis, terms.eye[2], terms.ahead
+        for i in range(CHUNK):
+            x, y = room[PLACED + i] - eye[0], room[PLACED + CHUNK + i] - eye[1]
+            rx, ry = room[NORMAL + i], room[NORMAL + CHUNK + i]
+            u, v, ru, rv = ax * x + ay * y, ax * y - ay * x, ax * rx + ay * ry, ax * ry - ay * rx
+            room[COLUMNS + 3 * CHUNK + i] = (ru * u * v + rv * (h * h + v * v)) / h
+            room[COLUMNS + 4 * CHUNK + i] = -(ru * (h * h + u * u) + rv * u * v) / h
+            room[COLUMNS + 5 * CHUNK + i] = rx * x + ry * y
+            outwards = rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h)
+            room[COLUMNS + 6 * CHUNK + i] = -max(x * axis[0] + y * axis[1] - h * axis[2], 0.0) * outwards
+        for i in range(CHUNK if terms.fisheye else 0):
+            x, y = room[PLACED + i] - eye[0], room[PLACED + CHUNK + i] - eye[1]
+            rx, ry = room[NORMAL + i], room[NORMAL + CHUNK + i]
+            outwards = rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h)
+            room[COLUMNS + 6 * CHUNK + i] = -angle_stretch(x, y, h, axis) * outwards
 
     return columns

@@ -16,14 +16,25 @@ import numba
 import numpy as np
 
 from touchline.field.association import AssociationTables
-from touchline.field.offset_map import OffsetTable, look_up_offset
+from touchline.field.offset_map import CHUNK, OFFSETS, OffsetTable, look_up_offsets
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.base import fill_rows, place, prepare, terms_at
+from touchline.localization.camera_errors.base import (
+    COLUMNS,
+    MAX_STATES,
+    NORMAL,
+    PLACED,
+    chunks_of,
+    fill_all,
+    place_all,
+    prepare,
+    terms_at,
+)
 from touchline.localization.registration.feature_model import PointFeatures, best_place
+from touchline.localization.registration.kernels import RANGE2, XX, XY, YY, points_of
 from touchline.matrices import applied, inverse, log_determinant
 
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
-_MIN_RANGE2_M2 = 0.01
+_MIN_RANGE2_M2 = 0.01  # as of `kernels`
 _TINY2_M2 = 1e-12
 _MAX_STEP = 0.5  # of the pose in one Gauss-Newton step (m, m, rad)
 
@@ -92,22 +103,26 @@ class _Sums(NamedTuple):
 
 
 # what is counted at the state that is come to
-_EXPLAINED, _OF, _SQUARES, _KEPT, _DISTANCE, _LOG_LIKELIHOOD = range(6)
+_EXPLAINED, _OF, _SQUARES, _KEPT_SUM, _DISTANCE, _LOG_LIKELIHOOD = range(6)
+
+
+# and of one chunk of points behind what `camera_errors` knows of it: d², σ², what the kernel leaves of each, d
+_D2, _VARIANCE, _KEPT, _APART = (COLUMNS + (MAX_STATES + k) * CHUNK for k in range(4))
+_L11, _ROOM = _D2, _APART + CHUNK
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
-def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type: ignore[no-untyped-def]
-    """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: its `terms_at` the state, and what
-    `prepare` has made of the points.
-    """
+def _see(row, lookup, room, pose, camera, plan, width2):  # type: ignore[no-untyped-def]
+    """Fill `room` with a chunk of line points, in loops that become SIMD instructions."""
     terms, prepared = camera
-    points, c, width2 = seen.positions_m, seen.covariances_m2, width_m * width_m
-    distance_row, weight_row = rows.shape[0] - 3, rows.shape[0] - 2
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    for i in range(points.shape[0]):
-        px, py = points[i, 0], points[i, 1]
-        bx, by = place(px, py, terms, prepared, i)
-        ox, oy = look_up_offset(lines, pose[0] + cosine * bx - sine * by, pose[1] + sine * bx + cosine * by)
+    x, y, cosine, sine = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
+    place_all(row, room, terms, prepared)
+    for i in range(CHUNK):
+        bx, by = room[PLACED + i], room[PLACED + CHUNK + i]
+        room[i], room[CHUNK + i] = x + cosine * bx - sine * by, y + sine * bx + cosine * by
+    look_up_offsets(lookup, room)
+    for i in range(CHUNK):
+        bx, by, ox, oy = room[PLACED + i], room[PLACED + CHUNK + i], room[OFFSETS + i], room[OFFSETS + CHUNK + i]
         d2 = ox * ox + oy * oy + _TINY2_M2
         distance = math.sqrt(d2)
         nx, ny = ox / distance, oy / distance
@@ -115,65 +130,97 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         # noise that grows with the range is that of where the line lies: a point that seems nearer by its noise would
         # else weigh more, and shorten every range
         lx, ly = bx - rx * distance, by - ry * distance
-        ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / (px * px + py * py + _MIN_RANGE2_M2)
-        spread = rx * rx * c[i, 0, 0] + 2.0 * rx * ry * c[i, 0, 1] + ry * ry * c[i, 1, 1]
+        ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / row[RANGE2 + i]
+        spread = rx * rx * row[XX + i] + 2.0 * rx * ry * row[XY + i] + ry * ry * row[YY + i]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
+        room[NORMAL + i], room[NORMAL + CHUNK + i] = rx, ry
         # derivatives are those of the line: off it, noise would tell errors that leave every line where it is
-        fill_rows(rows, i, i, (rx, ry), ((px, py), (lx, ly)), terms, prepared)
-        rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
+        room[PLACED + i], room[PLACED + CHUNK + i] = lx, ly
+        room[COLUMNS + i], room[COLUMNS + CHUNK + i], room[COLUMNS + 2 * CHUNK + i] = nx, ny, ry * bx - rx * by
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
-        kept *= kept
-        rows[distance_row, i], rows[weight_row, i] = distance, seen.shares[i] * kept / (seen.noise * variance)
-        if len(counts) == 0:  # on the way there nobody asks how likely it is
-            continue
-        z2, share = d2 / variance, seen.shares[i]
-        counts[_EXPLAINED] += share * (z2 < _EXPLAINED2)
-        counts[_OF] += share
-        counts[_SQUARES] += kept * z2
-        counts[_KEPT] += kept
-        counts[_DISTANCE] += share * distance
-        density = math.exp(-0.5 * z2) / math.sqrt(2.0 * math.pi * variance)
-        counts[_LOG_LIKELIHOOD] += share * math.log(plan.clutter_per_m + density)
+        room[_D2 + i], room[_VARIANCE + i], room[_KEPT + i], room[_APART + i] = d2, variance, kept * kept, distance
+    fill_all(row, room, terms, prepared)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_points(seen, points, pose, camera, plan, width_m, rows, counts):  # type: ignore[no-untyped-def]
+    """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: its `terms_at` the state, and what
+    `prepare` has made of the points.
+    """
+    terms, prepared = camera
+    states, room = rows.shape[0] - 3, points.room
+    for chunk in range(points.rows.shape[0]):
+        first = chunk * CHUNK
+        _see(points.rows[chunk], points.lookup, room, pose, (terms, prepared[chunk]), plan, width_m * width_m)
+        count = min(CHUNK, points.size - first)
+        for a in range(states):
+            for i in range(count):
+                rows[a, first + i] = room[COLUMNS + a * CHUNK + i]
+        for i in range(count):
+            rows[states, first + i] = room[_APART + i]
+            rows[states + 1, first + i] = seen.shares[first + i] * room[_KEPT + i] / (seen.noise * room[_VARIANCE + i])
+        for i in range(count if len(counts) else 0):  # on the way there nobody asks how likely it is
+            variance, share, kept = room[_VARIANCE + i], seen.shares[first + i], room[_KEPT + i]
+            z2 = room[_D2 + i] / variance
+            counts[_EXPLAINED] += share * (z2 < _EXPLAINED2)
+            counts[_OF] += share
+            counts[_SQUARES] += kept * z2
+            counts[_KEPT_SUM] += kept
+            counts[_DISTANCE] += share * room[_APART + i]
+            density = math.exp(-0.5 * z2) / math.sqrt(2.0 * math.pi * variance)
+            counts[_LOG_LIKELIHOOD] += share * math.log(plan.clutter_per_m + density)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: ignore[no-untyped-def]
-    """Rows of crossings and landmarks, each taken for the nearest of its kind; arguments as of `_add_points`."""
-    terms, prepared = camera
-    points, places, first = seen.features, tables.places_m, seen.positions_m.shape[0]
-    distance_row, weight_row = rows.shape[0] - 3, rows.shape[0] - 2
+def _add_features(seen, tables, room, pose, camera, width_m, rows, counts):  # type: ignore[no-untyped-def]
+    """Rows of crossings and landmarks, each taken for the nearest of its kind; arguments as of `_add_points`, and
+    `chunks_of` them with the camera.
+    """
+    terms, prepared, chunks = camera
+    points, first, states = seen.features, seen.positions_m.shape[0], rows.shape[0] - 3
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     turned = (pose[0], pose[1], pose[2], cosine, sine)
-    for i in range(seen.raw_m.shape[0]):
-        px, py = seen.raw_m[i, 0], seen.raw_m[i, 1]
-        bx, by = place(px, py, terms, prepared, i)
-        points.positions_m[i, 0], points.positions_m[i, 1] = bx, by
-        nearest, least, total = best_place(points, i, tables, False, turned)
-        likely, weight, lx, ly, w = 0.0, 0.0, bx, by, points.own_information[i]
-        if nearest >= 0:
-            dx, dy = places[nearest, 0] - pose[0], places[nearest, 1] - pose[1]
-            lx, ly = cosine * dx + sine * dy, cosine * dy - sine * dx
-            soft = 1.0 + width_m * width_m * 0.5 * (w[0, 0] + w[1, 1])  # of a wide kernel
-            likely = points.peaks[i] * math.exp(-least / soft)
-            other = points.peaks[i] * max(total - math.exp(-least), 0.0)
-            weight = seen.feature_share * likely / (likely + other + points.floors[i]) / soft
-        l00 = math.sqrt(w[0, 0])  # Cholesky's factors whiten both errors
-        l10 = w[0, 1] / l00
+    for chunk in range(chunks.shape[0]):
+        begin, row = chunk * CHUNK, first + 2 * chunk * CHUNK
+        count = min(CHUNK, seen.raw_m.shape[0] - begin)
+        place_all(chunks[chunk], room, terms, prepared[chunk])
+        for k in range(count):
+            i, bx, by = begin + k, room[PLACED + k], room[PLACED + CHUNK + k]
+            points.positions_m[i, 0], points.positions_m[i, 1] = bx, by
+            nearest, least, total = best_place(points, i, tables, False, turned)
+            likely, weight, lx, ly, w = 0.0, 0.0, bx, by, points.own_information[i]
+            if nearest >= 0:
+                dx, dy = tables.places_m[nearest, 0] - pose[0], tables.places_m[nearest, 1] - pose[1]
+                lx, ly = cosine * dx + sine * dy, cosine * dy - sine * dx
+                soft = 1.0 + width_m * width_m * 0.5 * (w[0, 0] + w[1, 1])  # of a wide kernel
+                likely = points.peaks[i] * math.exp(-least / soft)
+                other = points.peaks[i] * max(total - math.exp(-least), 0.0)
+                weight = seen.feature_share * likely / (likely + other + points.floors[i]) / soft
+            l00 = math.sqrt(w[0, 0])  # Cholesky's factors whiten both errors
+            l10 = w[0, 1] / l00
+            l11 = math.sqrt(max(w[1, 1] - l10 * l10, 0.0))
+            off_x, off_y = bx - lx, by - ly
+            rows[states, row + 2 * k], rows[states, row + 2 * k + 1] = l00 * off_x + l10 * off_y, l11 * off_y
+            rows[states + 1, row + 2 * k] = rows[states + 1, row + 2 * k + 1] = weight
+            room[PLACED + k], room[PLACED + CHUNK + k] = lx, ly
+            room[NORMAL + k], room[NORMAL + CHUNK + k], room[_L11 + k] = l00, l10, l11
+            if len(counts):
+                right = points.trust[i] * likely / (likely + points.floors[i])
+                counts[_EXPLAINED] += right
+                counts[_OF] += points.trust[i]
+                counts[_DISTANCE] += right * math.hypot(off_x, off_y)
+                counts[_LOG_LIKELIHOOD] += seen.feature_share * math.log(points.floors[i] + likely)
         for half in range(2):
-            row = first + 2 * i + half
-            rx, ry = (l00, l10) if half == 0 else (0.0, math.sqrt(max(w[1, 1] - l10 * l10, 0.0)))
-            rows[0, row], rows[1, row] = cosine * rx - sine * ry, sine * rx + cosine * ry
-            rows[2, row] = ry * lx - rx * ly
-            fill_rows(rows, row, i, (rx, ry), ((px, py), (lx, ly)), terms, prepared)
-            rows[distance_row, row], rows[weight_row, row] = rx * (bx - lx) + ry * (by - ly), weight
-        if len(counts) == 0:
-            continue
-        right = points.trust[i] * likely / (likely + points.floors[i])
-        counts[_EXPLAINED] += right
-        counts[_OF] += points.trust[i]
-        counts[_DISTANCE] += right * math.hypot(bx - lx, by - ly)
-        counts[_LOG_LIKELIHOOD] += seen.feature_share * math.log(points.floors[i] + likely)
+            for k in range(count if half else 0):
+                room[NORMAL + k], room[NORMAL + CHUNK + k] = 0.0, room[_L11 + k]
+            fill_all(chunks[chunk], room, terms, prepared[chunk])
+            for k in range(count):
+                rx, ry, at = room[NORMAL + k], room[NORMAL + CHUNK + k], row + 2 * k + half
+                rows[0, at], rows[1, at] = cosine * rx - sine * ry, sine * rx + cosine * ry
+                rows[2, at] = ry * room[PLACED + k] - rx * room[PLACED + CHUNK + k]
+                for a in range(3, states):
+                    rows[a, at] = room[COLUMNS + a * CHUNK + k]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -203,14 +250,18 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
     of_points, of_features = prepare(seen.positions_m, start[3:], response), prepare(seen.raw_m, start[3:], response)
     count = seen.positions_m.shape[0] + 2 * seen.raw_m.shape[0]
     sums = _Sums(np.empty((states, states)), np.empty(states), np.empty((states + 3, count)))
+    points = points_of(seen.positions_m, seen.covariances_m2, ground.lines, np.zeros(_ROOM))
+    chunks = chunks_of(seen.raw_m)
     matrix, gradient = sums.information, sums.gradient
     for k in range(plan.widths_m.shape[0] + 1):
         last = k == plan.widths_m.shape[0]
         width_m = 0.0 if last else plan.widths_m[k]
         counted = counts if last else counts[:0]
         terms = terms_at(state[3:], response)
-        _add_points(seen, ground.lines, state, (terms, of_points), plan, width_m, sums.rows, counted)
-        _add_features(seen, ground.places, state, (terms, of_features), width_m, sums.rows, counted)
+        _add_points(seen, points, state, (terms, of_points), plan, width_m, sums.rows, counted)
+        _add_features(
+            seen, ground.places, points.room, state, (terms, of_features, chunks), width_m, sums.rows, counted
+        )
         _add_up(sums)
         if last:
             break
@@ -223,6 +274,6 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
     narrowed = log_determinant(prior.information + matrix) - log_determinant(prior.information)
     of = max(counts[_OF], 1e-9)
     return StateFit(
-        state, matrix, gradient, counts[_EXPLAINED] / of, counts[_OF], counts[_SQUARES] / max(counts[_KEPT], 1e-9),
+        state, matrix, gradient, counts[_EXPLAINED] / of, counts[_OF], counts[_SQUARES] / max(counts[_KEPT_SUM], 1e-9),
         counts[_DISTANCE] / of, counts[_LOG_LIKELIHOOD], 0.5 * (strain2 + narrowed),
     )  # fmt: skip
