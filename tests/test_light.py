@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from touchline.experiments import light
-from touchline.perception import LinePointDetector, LinePointSettings
+from touchline.motion import LeanFilter
+from touchline.perception import LinePointDetector, LinePointSettings, detector_for, observe
 from touchline.perception.profiles import on_one_line
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.run import Simulation
@@ -91,3 +92,18 @@ def test_points_beside_a_floor_count_in_a_row_alone() -> None:
     rows[6:, :2] = [[0.5, 2.6], [3.0, 0.0], [-3.0, 0.0]]
     rows[:8, 7] = 3.0
     np.testing.assert_array_equal(on_one_line(rows, 1.5, 0.05, 4), [True] * 6 + [False, False, True])
+
+
+@pytest.mark.parametrize("camera", light.CAMERAS)
+def test_a_passing_cloud_hides_no_lines(camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third of the light, bluer or warmer, with the exposure and the colours of before; at worst none was found."""
+    monkeypatch.setattr(light, "IMAGES", 3)
+    run, cold, recalls = light.simulation(camera, light.CLOUD, 20), light._BLUER, []
+    for bluer in (0.0 * cold, cold, -cold):
+        monkeypatch.setattr(light, "_BLUER", bluer)
+        detector, leaning = detector_for(run.camera, run.field), LeanFilter()
+        frames = light.images(run, cloud=bool(bluer.any()))
+        each = [light.score(run, observe(leaning.at_image(frame), detector, 8.0), truth)[0] for frame, truth in frames]
+        assert min(one.precision for one in each) >= 0.95
+        recalls.append(np.mean([one.recall for one in each]))
+    assert min(recalls[1:]) >= 0.9 * recalls[0]

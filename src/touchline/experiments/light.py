@@ -52,6 +52,10 @@ LIGHTS: dict[str, tuple[str, ...]] = {
     "glossy carpet": ("light.sun=6", "light.windows=4", "light.ambient=0.6", "hall.gloss=0.35"),
     "dark surround": (*_LAMPS, "hall.carpet_border_m=0.05", "hall.dark_floor=true"),
 }
+CLOUD = "passing cloud"  # within the images of a run; colours and exposure stay those of the first
+LIGHTS[CLOUD] = LIGHTS["sun patches"]
+_CLOUD_LEVELS = (1.0, 0.6, 0.35, 0.35, 0.8)  # of the light at each image
+_BLUER = np.array([-0.2, 0.0, 0.25]) / 0.65  # of R, G, B for each share of the light that is lost
 KINDS = ("crossings", "circle", "posts", "marks")
 REACH_M = {"mirror": 6.0, "humanoid": 5.0}
 _EXPOSED, _MAX_MS, _MAX_GAIN = 0.2, 30.0, 8.0  # mean of the sensor's values that an exposure gives
@@ -94,14 +98,21 @@ def simulation(camera: str, light: str, seed: int) -> Simulation:
     return Simulation(scenario, "points")
 
 
-def images(run: Simulation) -> list[tuple[Frame, Truth]]:
-    """Frames with images, exposed as automatic exposure would, and where their paint is."""
-    found = []
+def images(run: Simulation, cloud: bool = False) -> list[tuple[Frame, Truth]]:
+    """Frames with images, exposed as automatic exposure would, and where their paint is.
+
+    cloud: whether one passes meanwhile, faster than the exposure follows.
+    """
+    found, exposure = [], None
     for index in range(len(run)):
         time_s = float(run.image_times_s[index])
         pose, attitude, state = run.track.pose_at(time_s), run.track.attitude_at(time_s), run.state(time_s)
         radiance, paint = run.camera_model.paint_ratio(run.world, state, pose, attitude)
-        exposure = exposed(radiance)
+        if cloud:
+            level = _CLOUD_LEVELS[index % len(_CLOUD_LEVELS)]
+            radiance *= (level * (1.0 + (1.0 - level) * _BLUER)).astype(np.float32)
+        if exposure is None or not cloud:
+            exposure = exposed(radiance)
         rng = np.random.default_rng([run.scenario.seed, 5, index])
         image = run.camera_model.sensor.develop(radiance, *exposure, rng)
         frame = replace(run.frame(index), image=image, observation=None)
@@ -214,10 +225,10 @@ def _view(run: Simulation, frame: Frame) -> GroundView:
 def of_robot(task: tuple[int, str, str]) -> dict[tuple[str, str], Found]:
     """What a robot of this seed with this camera finds under a light, by light and camera."""
     seed, camera, name = task
-    return {(name, camera): _of_run(simulation(camera, name, seed))}
+    return {(name, camera): _of_run(simulation(camera, name, seed), name == CLOUD)}
 
 
-def _of_run(run: Simulation) -> Found:
+def _of_run(run: Simulation, cloud: bool) -> Found:
     setup = RobotSetup(run.field, run.camera, run.wheel_directions_rad)
     system = open_system("touchline", setup, None, np.random.default_rng(0))
     assert isinstance(system, Touchline)
@@ -225,7 +236,7 @@ def _of_run(run: Simulation) -> Found:
     lines = outer = _NOTHING
     others: dict[str, Tally] = dict.fromkeys(KINDS, _NOTHING)
     boundary_px, errors_m, tracked, leaning_filter = [], [], 0, LeanFilter()
-    for index, (frame, truth) in enumerate(images(run)):
+    for index, (frame, truth) in enumerate(images(run, cloud)):
         pose = run.truth[index]
         seen = observe(leaning_filter.at_image(frame), system.detector, setup.max_range_m)
         estimate = system.step(replace(frame, image=None, observation=seen))
@@ -254,7 +265,8 @@ COLUMNS = (
 
 _NOTE = (
     f"Robots as built on straight tracks (mirror) and walking (humanoid), {IMAGES} images each at 2.5 Hz without "
-    "motion blur, exposed so that their mean is the same. The renderer takes each image with the lines and without: "
+    "motion blur, exposed so that their mean is the same; under the passing cloud the light falls to 35 % and turns "
+    "bluer, while exposure stays that of the first image. The renderer takes each image with the lines and without: "
     "what differs is paint. Recall: of the places every 5 cm along the lines that can be seen, how many have a line "
     "or a point of it within 3 px (a mirror's scan lines pass within their own spacing). Precision: of the line "
     "points, how many lie on paint within 3 px. Crossings, circle, posts and marks as in schulz-features; boundary: "

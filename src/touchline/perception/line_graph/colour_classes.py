@@ -43,6 +43,7 @@ _BESIDE_PX = 15  # paint lies within so many pixels of carpet
 _SOLID = 0.5  # share of green about a pixel of it that is carpet
 _FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
 _PAINT_ROUNDS = 3
+NO_TINT = np.ones(3)
 _EDGES = 0.65  # share of what is pale between carpet that is only partly paint
 
 CountArray = npt.NDArray[np.uint8]
@@ -92,6 +93,15 @@ def classes_of_model(model: ColourModel, yuv: bool) -> ColourClasses:
     return _classes(model, carpet if yuv else None)
 
 
+def tinted_classes(classes: ColourClasses, tint: FloatArray) -> ColourClasses:
+    """Classes that are `local` in a light that multiplies B, G, R by a tint (3,)."""
+    model = classes.model
+    table = relative_table(model, tint)
+    tables = np.stack((table, _with_washed_carpet(table, model, tint)))
+    model = replace(model, green=model.green * tint, white=model.white * tint, signal=model.signal / tint)
+    return classes._replace(tables=tables, model=model)
+
+
 def _classes(model: ColourModel, carpet: FloatArray | None) -> ColourClasses:
     """The classes of a model; in the paper's form with pixels (N, 3) of carpet."""
     if carpet is not None:
@@ -105,11 +115,13 @@ def _classes(model: ColourModel, carpet: FloatArray | None) -> ColourClasses:
     return ColourClasses(tables, model, half, until, True)
 
 
-def _with_washed_carpet(table: npt.NDArray[np.uint8], model: ColourModel) -> npt.NDArray[np.uint8]:
+def _with_washed_carpet(
+    table: npt.NDArray[np.uint8], model: ColourModel, tint: FloatArray = NO_TINT
+) -> npt.NDArray[np.uint8]:
     """The table with all as green that is brighter than the carpet, paler and greenish still: carpet in the sun, or
     where the edge of a line is.
     """
-    colours = _cell_colours()
+    colours = _cell_colours() / tint
     (carpet, paint), excess = (_excess(np.stack((model.green, model.white)))), _excess(colours)
     washed = (excess > paint + _WASHED * (carpet - paint)) & (colours[:, 1] > _GREENER * colours[:, 2])
     washed &= colours.sum(axis=1) > _WASHED_BRIGHTER * model.green.sum()
@@ -122,14 +134,14 @@ def _excess(colours: FloatArray) -> FloatArray:
     return shares
 
 
-def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
-    """The table of `ColourClasses` with green as the model has it and white by its signal."""
-    colours = _cell_colours()
+def relative_table(model: ColourModel, tint: FloatArray = NO_TINT) -> npt.NDArray[np.uint8]:
+    """The table of `ColourClasses` with green as the model has it and white by its signal, in a tinted light."""
+    colours = _cell_colours() / tint
     table = colour_codes(colours, model)
     whiteness = (colours - model.green) @ model.signal
     pale = (table == OTHER) | (table == BLACK)
     table = np.where(pale & (whiteness > _MIN_WHITE), _codes(whiteness), table)
-    is_green = model.classify(colours.astype(np.uint8)) == IS_GREEN
+    is_green = model.classify(np.minimum(colours, 255.0).astype(np.uint8)) == IS_GREEN
     return np.where(is_green, GREEN, table).astype(np.uint8)
 
 

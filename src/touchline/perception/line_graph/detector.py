@@ -89,6 +89,8 @@ class LineGraphDetector:
 
     def look(self, image: ImageArray, view: GroundView, stamp_ns: int = 0, watching: bool = False) -> Observation:
         """As `detect`, in the colours that are known. watching: whether it is noticed when the green fades."""
+        if watching:
+            self.colours.follow(image)
         assert self.colours.classes is not None
         plane = image_plane(self.lens, view)
         self._last_view = view
