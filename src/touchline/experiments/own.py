@@ -259,7 +259,7 @@ class Played(NamedTuple):
 def play_rows(seeds: int) -> list[Row]:
     """Hours of play, and kidnaps in play."""
     played = list(computed(_played, range(RUNS * seeds), "runs of play"))
-    hours = f"{RUNS * seeds * MINUTES / 60.0:g} h of match, a fault of the compass every {MINUTES:g} min"
+    hours = f"{RUNS * seeds * MINUTES / 60.0:g} h of match, the compass fails for {FAULT_S:g} s every {MINUTES:g} min"
     flips, losses = sum(one.flip_s > FLIP_S for one in played), sum(one.loss_s > LOSS_S for one in played)
     kidnaps = gathered(_kidnapped, range(KIDNAP_RUNS * seeds), "runs with kidnaps")
     every = {system: [one for run in runs for one in run] for system, runs in kidnaps.items()}

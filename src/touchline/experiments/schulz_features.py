@@ -24,7 +24,7 @@ from touchline.experiments.scenes import (
 )
 from touchline.experiments.schulz_runs import PAPER, RECORDINGS, random_areas, start_about
 from touchline.experiments.schulz_runs import settings as system_settings
-from touchline.geometry import Pose
+from touchline.geometry import FloatArray, Pose
 from touchline.motion import LeanFilter
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.simulation.run import Simulation
@@ -65,7 +65,7 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
     """What a detector finds in the images of a source, against its truth."""
     detector = LineGraphDetector(source.camera, settings or LineGraphSettings(), source.field)
     scores, leaning = FeatureScores(), LeanFilter()
-    for late, truth in _frames(source):
+    for index, late, truth in _frames(source):
         frame = leaning.at_image(late)
         learning, start = detector.colours.is_learning, time.thread_time()
         seen = detector.observe(frame)
@@ -74,7 +74,8 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
         image, classes = frame.image, detector.classes
         if image is None or classes is None:
             continue
-        whiteness = (image - classes.model.green) @ classes.model.signal
+        colours = (image - classes.model.green) @ classes.model.signal
+        whiteness = _paint(source, index) if isinstance(source, Simulation) else colours
         true = TrueFeatures(source.field, truth, _view(frame, source), whiteness)
         crossings = true.tally_crossings(seen.crossings, CROSSINGS_M)
         landmarks = true.tally_landmarks(seen.landmarks, LANDMARKS_M)
@@ -134,7 +135,8 @@ def schulz_features(seeds: int) -> ExperimentResult:
         ),
         (
             f"Crossings within {CROSSINGS_M:g} m, matched within 0.25 m and by kind; one counts as there where the "
-            "image shows paint in all of its arms and carpet between them. Lines up to "
+            "image shows paint in all of its arms and carpet between them: of rendered images where the renderer has "
+            "paint, of recordings by the detector's own colours. Lines up to "
             f"{LINES_M:g} m; there where half a metre of one is in view; right within 10 cm and what 0.7° of lean do.",
             f"Posts, poles and penalty marks within {LANDMARKS_M:g} m, matched within 0.25 m, farther off a tenth of "
             "the range more; there where their foot lies in the image, hidden or not.",
@@ -145,7 +147,7 @@ def schulz_features(seeds: int) -> ExperimentResult:
             "figure 1; what is seen, where it lies in the robot frame, and the particles (black the truth, red the "
             "pose).",
         ),
-        figures_1_and_2(_source(FIELDS[0], 0)) if seeds else (),
+        figures_1_and_2(public_recording(RECORDINGS[0]) or _source(FIELDS[0], 0)),
     )
 
 
@@ -157,7 +159,7 @@ def figures_1_and_2(source: Recording | Simulation) -> list[tuple[str, Figure]]:
     system = NimbroLines(RobotSetup(source.field, source.camera), system_settings(PAPER), np.random.default_rng(0))
     detector = system.detector
     assert detector is not None
-    for index, (frame, truth) in enumerate(_frames(source)):
+    for index, frame, truth in _frames(source):
         if not index:
             system.reset(Prior(start_about(truth, 0)))
         found = system.step(frame)
@@ -208,11 +210,19 @@ def _together(one: FeatureScores, other: FeatureScores) -> FeatureScores:
     return both
 
 
-def _frames(source: Recording | Simulation) -> Iterator[tuple[Frame, Pose]]:
+def _frames(source: Recording | Simulation) -> Iterator[tuple[int, Frame, Pose]]:
     assert source.truth is not None
     for index, frame in enumerate(source):
         if frame.image is not None:
-            yield frame, source.truth[index]
+            yield index, frame, source.truth[index]
+
+
+def _paint(run: Simulation, index: int) -> FloatArray:
+    """(H, W) where the renderer has paint: twice its share of a pixel's light, which is 1 or more on lines."""
+    time_s = float(run.image_times_s[index])
+    pose, attitude = run.track.pose_at(time_s), run.track.attitude_at(time_s)
+    ratio: FloatArray = 2.0 * run.camera_model.paint_ratio(run.world, run.state(time_s), pose, attitude)[1]
+    return ratio
 
 
 def _view(frame: Frame, source: Recording | Simulation) -> GroundView:
