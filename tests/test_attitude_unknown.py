@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import FULL_DATA
 
+from touchline.camera import GroundView, PinholeCamera
 from touchline.evaluation.runner import robot_setup
 from touchline.field import open_field
 from touchline.geometry import Pose, Pose3
@@ -18,10 +20,13 @@ from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.seen import seen_points
 from touchline.motion.lean import LAG_S, LeanFilter
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Frame, LinePoints, Prior, Samples, Status
+from touchline.view.look import seen_through
 
 SUN = FULL_DATA / "humanoid_hsl_sun"
 
@@ -78,6 +83,27 @@ def test_a_fit_begins_at_other_attitudes_where_the_expected_one_explains_too_lit
     assert fit.explained > 0.95
     assert math.degrees(fit.state[4]) == pytest.approx(pitch_deg, abs=0.1)
     np.testing.assert_allclose(fit.state[:2], truth.as_array()[:2], atol=0.1)
+
+
+@pytest.mark.parametrize("off_deg", [(1.5, 3.5), (-1.0, -3.0)])
+def test_a_still_of_a_robot_with_kinematics_degrees_off_gives_no_wrong_pose(off_deg: tuple[float, float]) -> None:
+    """Six places of one robot each, from nothing: most are found, either end being right; none is wrong and sure."""
+    scenario = open_scenario("humanoid-walk", 31, 60.0, ("camera.rate_hz=0.1", "field=hsl-s-9x6"))
+    run, found = Simulation(scenario, "points"), 0
+    camera = run.camera
+    assert isinstance(camera, PinholeCamera)
+    told = Pose3.from_roll_pitch_yaw(*np.radians(off_deg).tolist(), 0.0).rotation @ camera.base_from_camera.rotation
+    wrong = Pose3(told, camera.base_from_camera.translation_m)
+    for index in range(len(run)):
+        whole = replace(run.features(index), points=run.points(index))
+        seen = seen_through(whole, GroundView(camera), GroundView(camera, wrong)).usable(8.0)
+        system = open_system("touchline", RobotSetup(run.field, camera))
+        system.reset()
+        estimate, truth = system.step(Frame(0, observation=seen, base_from_camera=wrong)), run.truth[index]
+        off_m = min(estimate.pose.distance_to(end) for end in (truth, truth.mirrored()))
+        assert estimate.status is not Status.TRACKING or off_m < 0.3
+        found += estimate.status is Status.TRACKING
+    assert found >= 4
 
 
 if SUN.is_dir():
