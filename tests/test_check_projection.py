@@ -86,11 +86,14 @@ def test_without_true_poses_the_mount_is_not_tested(shared_data: Path, tmp_path:
     assert "the true poses are not known" in finding.what
 
 
-@pytest.mark.parametrize(("pitch", "severity"), [(0.4887, Severity.OK), (-0.6, Severity.ERROR)])
+@pytest.mark.parametrize(
+    ("pitch", "z", "severity"),
+    [(0.4887, 1.1, Severity.OK), (-0.6, 1.1, Severity.ERROR), (0.4887, 0.07, Severity.WARNING)],
+)
 def test_what_a_perspective_camera_sees_is_told(
-    shared_data: Path, tmp_path: Path, pitch: float, severity: Severity
+    shared_data: Path, tmp_path: Path, pitch: float, z: float, severity: Severity
 ) -> None:
     folder = borrow(shared_data / "humanoid_9x6_walk", tmp_path / "walk", frames=4)
-    change_mount(folder, pitch=pitch)
+    change_mount(folder, pitch=pitch, z=z)
     told = [finding for finding in findings_of(folder, "camera") if finding.severity is severity]
-    assert any("pinhole, 752×480 pixels, 1.10 m high, looking down by" in finding.what for finding in told)
+    assert any(f"pinhole, 752×480 pixels, {z:.2f} m high, looking down by" in finding.what for finding in told)

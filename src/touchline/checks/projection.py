@@ -28,6 +28,7 @@ _PROFILE_PX = 0.5
 _MIN_CONTRAST = 40.0
 _NOTED_DEG, _POOR_DEG = 0.4, 1.5  # an IMU's tilt is good to half a degree
 _TURN_RAD = 1e-4
+_MIN_M = 0.2  # height of a camera: robots of the smallest league are taller
 
 
 class Places(NamedTuple):
@@ -54,7 +55,9 @@ def check_view(survey: Survey) -> Iterator[Finding]:
         f"{down_deg:.1f}°: {100 * ground:.0f} % of the image show the ground"
     )
     advice = "Positive mount: pitch looks down; it is in radians."
-    yield graded("camera", CAMERA, what, (ground < _MIN_GROUND, Severity.ERROR, advice))
+    low = "Is the robot's base a frame on the ground? --base NAME says which is; base_link of a humanoid is its hip."
+    cases = (ground < _MIN_GROUND, Severity.ERROR, advice), (place.translation_m[2] < _MIN_M, Severity.WARNING, low)
+    yield graded("camera", CAMERA, what, *cases)
 
 
 def check_projection(survey: Survey) -> Iterator[Finding]:

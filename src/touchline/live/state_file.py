@@ -26,7 +26,7 @@ MAX_DEVIATION_M, MAX_DEVIATION_RAD = 4.0, math.pi
 STOOD, WENT_ON, STILL_THERE_S = 0.5, 0.4, 900.0  # weights at once; the time after which it was rather carried off
 # where odometry goes on: weight of where it leads; what is left for the two others; its drift by time (m/s, rad/s)
 BY_ODOMETRY, ELSE, DRIFT_M_S, DRIFT_RAD_S = 0.9, 0.06, 0.03, 0.03
-MAX_APART_NS, MAX_CLOCK_S = 400_000_000, 0.5  # of an odometry sample and an image; of the two clocks
+MAX_APART_NS, MAX_CLOCK_S = 400_000_000, 5.0  # of an odometry sample and an image; of the two clocks, as an image waits
 MAX_SPEED_M_S, NEAR_ORIGIN_M = 4.0, 0.3  # by odometry; so near to its origin it has rather begun anew
 MAX_IMAGES = 10  # until odometry has to have come
 BLURRED = np.diag(np.square([0.05, 0.05, 0.03]))
