@@ -5,6 +5,7 @@ angles on to the image, and what the angles say beyond that is averaged (a compl
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -75,15 +76,18 @@ class LeanFilter:
 
     def turned(self, stamp_ns: int) -> tuple[float, float]:
         """The integral of the rates at a stamp, extrapolated at both ends by the nearest rate; 0 without rates."""
-        if not self._integral:
-            return 0.0, 0.0
-        found = self._integral[0]
-        for row in reversed(self._integral):
-            if row[0] <= stamp_ns:
-                found = row
-                break
-        ahead_s = min(max((stamp_ns - found[0]) / NANOSECONDS, -MAX_AGE_S), MAX_AGE_S)
-        return found[1] + ahead_s * found[3], found[2] + ahead_s * found[4]
+        return self.turned_all((stamp_ns,))[0]
+
+    def turned_all(self, stamps_ns: Sequence[int]) -> list[tuple[float, float]]:
+        """`turned` at stamps, the newest first."""
+        newest_first = reversed(self._integral)
+        row, found = next(newest_first, (0, 0.0, 0.0, 0.0, 0.0)), []
+        for stamp_ns in stamps_ns:
+            while row[0] > stamp_ns and (before := next(newest_first, None)) is not None:
+                row = before
+            ahead_s = min(max((stamp_ns - row[0]) / NANOSECONDS, -MAX_AGE_S), MAX_AGE_S)
+            found.append((row[1] + ahead_s * row[3], row[2] + ahead_s * row[4]))
+        return found
 
     def _correct(self, stamp_ns: int, roll_rad: float, pitch_rad: float) -> None:
         if self._offset is not None and stamp_ns <= self._angle_ns:

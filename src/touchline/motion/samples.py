@@ -143,5 +143,6 @@ class SampleHistory:
             return np.zeros(self._columns)
         stamps_ns, rows = self.arrays
         t = (stamps_ns[first:] - self._stamps_ns[-1]) / NANOSECONDS
-        t, rows = t - t.mean(), rows[first:]
-        return np.asarray(t @ (rows - rows.mean(axis=0)) / (t @ t))
+        rows = rows[first:]
+        t = t - np.add.reduce(t) / len(t)  # `mean` takes three times as long for so few
+        return np.asarray(t @ (rows - np.add.reduce(rows) / len(rows)) / (t @ t))

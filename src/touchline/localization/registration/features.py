@@ -110,14 +110,16 @@ class Features:
 
     def of(self, seen: Observation, placed: Callable[[FloatArray], FloatArray] | None = None) -> FeatureView:
         """What counts of an observation. placed: ground points (N, 2) without the camera's errors that are known."""
-        if not (len(seen.lines) or len(seen.crossings) or len(seen.landmarks)):
-            return NOTHING
-        lines, positions = seen.lines.ends_m, _positions(seen)
-        if placed is not None:
-            lines, positions = placed(lines.reshape(-1, 2)).reshape(-1, 2, 2), placed(positions)
-        return FeatureView(
-            self._points(seen.crossings, seen.landmarks, positions), self._lines(replace(seen.lines, ends_m=lines))
-        )
+        points, lines = NOTHING
+        if len(seen.crossings) or len(seen.landmarks):
+            positions = _positions(seen)
+            positions = positions if placed is None else placed(positions)
+            points = self._points(seen.crossings, seen.landmarks, positions)
+        if len(seen.lines):
+            ends = seen.lines.ends_m
+            ends = ends if placed is None else placed(ends.reshape(-1, 2)).reshape(-1, 2, 2)
+            lines = self._lines(replace(seen.lines, ends_m=ends))
+        return FeatureView(points, lines)
 
     def points_of(self, seen: Observation) -> PointFeatures:
         """The crossings and landmarks of it alone."""

@@ -65,11 +65,13 @@ class FieldSearch:
         among images.
         """
         seen, found = searched.seen, tuple[Mode, ...]()
-        view = searched.view_at(searched.expected.mean[3:])
+        mean = searched.expected.mean[3:]
+        view = searched.view_at(mean)
         if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(view.lines.ends_m)):
             found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
         if view.size:
-            views = [(errors, searched.view_at(errors)) for errors in self.attitudes(searched)]
+            attitudes = self.attitudes(searched)
+            views = [(each, view if np.array_equal(each, mean) else searched.view_at(each)) for each in attitudes]
             more = self.features.modes(seen, views, searched.expected, searched.response, known, part)
             poses = [one.pose for one in found]
             found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
