@@ -25,6 +25,7 @@ from touchline.localization.registration.attitudes import fit_leaning
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
+from touchline.localization.registration.line_share import line_share
 from touchline.localization.registration.registration import SHAKEN, Registration
 from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
 from touchline.localization.search.pose_search import Mode
@@ -115,7 +116,10 @@ class ShoveTest:
 
 
 class Bank:
-    """`members`, the likeliest first. start: a filter without a pose, to make new ones from. lines: of the field."""
+    """`members`, the likeliest first; `share`: of the last image, that the likeliest explains (`line_share`).
+
+    start: a filter without a pose, to make new ones from. lines: of the field.
+    """
 
     def __init__(
         self, registration: Registration, lines: LineTables, statistics: CameraErrorStatistics, start: Filter,
@@ -135,7 +139,7 @@ class Bank:
     def follow(self, members: Sequence[Member], learned: Filter) -> None:
         """Follow these, none of them confirmed. learned: what is known of odometry and camera until one is."""
         self.members: list[Member] = []
-        self.confirmed, self._learned = False, learned
+        self.confirmed, self._learned, self.share = False, learned, 0.0
         self._settle(members)
 
     @property
@@ -222,6 +226,7 @@ class Bank:
         self._settle(every)
         self._fuse(image)
         self._update_from_team(evidence)
+        self.share = self._share_of(self.members[0], image)
 
     def swap_ends(self) -> None:
         """Every member stands at the other end of a symmetric field."""
@@ -324,6 +329,14 @@ class Bank:
         if best.fit is not None and best.expected is not None and best.explained >= MIN_EXPLAINED:
             self.statistics.learn(best.fit, best.expected, image.seen)
         self._settle(self.members)
+
+    def _share_of(self, best: Member, image: Image) -> float:
+        """What registration explains, but with a mirror, whose lines show all round, as of line_share.py."""
+        seen, fit = image.seen, best.fit
+        if fit is None or seen.crude or not self.trust.free_fit or len(seen.raw_m):
+            return best.explained
+        upright = placed_points(seen.positions_m, fit.state[3:], image.response)
+        return float(line_share(upright, seen.covariances_m2, fit.state[:3], self.registration.table))
 
     def _update_from_team(self, evidence: Sequence[Evidence]) -> None:
         """Weigh the members by the evidence of others, a pose and its twin alike; all who are unknown count as one."""

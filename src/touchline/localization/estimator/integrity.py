@@ -110,6 +110,7 @@ class Integrity:
         self._contradicted = False  # whether the first images did the pose that was given
         self.statistics: dict[str, float] = {}
         self._shares: list[float] = []
+        self._shares_of_points: list[float] = []  # which is what chance explains, too
         self._since_jump = SHARE_MEMORY  # images
         self.lag_s = 0.0  # by which images may be stamped late since a jump
         self._chance, self._since_chance = 0.0, CHANCE_EVERY
@@ -166,7 +167,8 @@ class Integrity:
         share = chance = 0.0
         if len(self._shares) >= MIN_IMAGES:
             share = max((1.0 - self.share) / (1.0 - MIN_SHARE), self._deficit / MAX_DEFICIT)
-            above = (self.share - self._chance) / (1.0 - self._chance)
+            of_points = sum(self._shares_of_points) / len(self._shares_of_points)
+            above = (of_points - self._chance) / (1.0 - self._chance)
             chance = (1.0 - above) / (1.0 - MIN_ABOVE_CHANCE)
         return {
             **self.relation.statistics,
@@ -237,7 +239,7 @@ class Integrity:
         self.offsets.arrive(self.arrivals, history.odometry.samples)
         self.relation.clock_s += self.arrivals.change_s
         self._confirm(jump, len(history.odometry.samples) > 0)
-        self._take_share(image, bank, bank.trust.of(image.seen.crude).share(best.explained))
+        self._take_share(image, bank)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         variances = np.diagonal(best.filter.initial.errors).tolist()
@@ -269,7 +271,7 @@ class Integrity:
         if jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
             self.confirmed, self._contradicted = False, True
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
-            self._shares, self._deficit = [], 0.0
+            self._shares, self._shares_of_points, self._deficit = [], [], 0.0
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
 
@@ -298,16 +300,19 @@ class Integrity:
         if aside < LAG_ASIDE_M + LAG_ASIDE_RATIO * abs(along) and abs(along) < LAGS_S[-1] * speed:
             self.lag_s = -along / speed
 
-    def _take_share(self, image: Image, bank: Bank, explained: float) -> None:
+    def _take_share(self, image: Image, bank: Bank) -> None:
+        best = bank.best
+        assert best is not None
+        assert best.fit is not None
+        trust = bank.trust.of(image.seen.crude)
+        explained, of_points = trust.share(bank.share), trust.share(best.explained)
         self._shares = [*self._shares[-SHARE_MEMORY + 1 :], explained]
+        self._shares_of_points = [*self._shares_of_points[-SHARE_MEMORY + 1 :], of_points]
         self._deficit = min(max(self._deficit + USUAL_SHARE - explained, 0.0), 1.1 * MAX_DEFICIT)
         self._since_chance += 1
         if self._since_chance < CHANCE_EVERY or len(image.seen.positions_m) < 10:
             return
         self._since_chance = 0
-        best = bank.best
-        assert best is not None
-        assert best.fit is not None
         upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
         turns = _GOLDEN * np.arange(len(upright))
         cosine, sine = np.cos(turns), np.sin(turns)

@@ -74,7 +74,7 @@ class PoseStatus:
     def is_consistent(self, bank: Bank) -> bool:
         """Whether it is, is known in all directions, and explains the last image."""
         best = bank.members[0]
-        return self.is_likely(bank) and is_observed(best.filter.covariance) and self._fits(best, 1.0)
+        return self.is_likely(bank) and is_observed(best.filter.covariance) and self._fits(bank, 1.0)
 
     def update(self, bank: Bank, end: FieldEnd, seconds: float) -> Status:
         """Judge the likeliest pose after an image, so many seconds after the last."""
@@ -83,9 +83,9 @@ class PoseStatus:
             return self.status
         if self.blind_frames == 0:
             memory = 1.0 if self.images == 0 or self._unexplained_s > BLIND_S else self.trust.memory
-            self._explained += memory * (best.explained - self._explained)
+            self._explained += memory * (bank.share - self._explained)
             self.images += 1
-        seen_and_fits = self.blind_frames == 0 and self._fits(best, 0.5)
+        seen_and_fits = self.blind_frames == 0 and self._fits(bank, 0.5)
         self._unexplained_s = 0.0 if seen_and_fits else self._unexplained_s + seconds
         # by this image: the robot was carried off, or what it shows are no lines
         contradicted = self.blind_frames == 0 and not seen_and_fits
@@ -109,5 +109,5 @@ class PoseStatus:
             self.status = Status.SEARCHING if not tracked or decided else Status.LOST
         return self.status
 
-    def _fits(self, best: Member, ratio: float) -> bool:
-        return best.explained >= ratio * self.criteria.min_explained
+    def _fits(self, bank: Bank, ratio: float) -> bool:
+        return bank.share >= ratio * self.criteria.min_explained

@@ -49,7 +49,7 @@ class Counted(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slot(cells, x, y):  # type: ignore[no-untyped-def]
+def slot(cells, x, y):  # type: ignore[no-untyped-def]
     """Row of cell x, y in a table (K, 3) of x, y, number of points; K a power of two, empty rows without points."""
     mask = cells.shape[0] - 1
     k = ((x * 73856093) ^ (y * 19349663)) & mask
@@ -59,15 +59,15 @@ def _slot(cells, x, y):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _cells_of(points, size_m):  # type: ignore[no-untyped-def]
-    """Table of the cells that points (N, 2) lie in, as of `_slot`, and the row of each point (N,)."""
+def cells_of(points, size_m):  # type: ignore[no-untyped-def]
+    """Table of the cells that points (N, 2) lie in, as of `slot`, and the row of each point (N,)."""
     rows = 64
     while rows < 2 * points.shape[0]:
         rows *= 2
     cells, slots = np.zeros((rows, 3), dtype=np.int64), np.empty(points.shape[0], dtype=np.int64)
     for i in range(points.shape[0]):
         x, y = math.floor(points[i, 0] / size_m), math.floor(points[i, 1] / size_m)
-        k = _slot(cells, x, y)
+        k = slot(cells, x, y)
         cells[k, 0], cells[k, 1] = x, y
         cells[k, 2] += 1
         slots[i] = k
@@ -77,7 +77,7 @@ def _cells_of(points, size_m):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def _thinned(points, covariances, weights):  # type: ignore[no-untyped-def]
     """The same with one point, their mean, for those of a crowded cell; itself where there is none."""
-    cells, slots = _cells_of(points, CELL_M)
+    cells, slots = cells_of(points, CELL_M)
     n, of_cell = 0, np.full(cells.shape[0], -1)
     positions, spreads, counted = np.zeros_like(points), np.zeros_like(covariances), np.zeros_like(weights)
     for i in range(points.shape[0]):
@@ -98,7 +98,7 @@ def _thinned(points, covariances, weights):  # type: ignore[no-untyped-def]
             densest = cells[k, 2]
             for dx in range(-1, 2):
                 for dy in range(-1, 2):
-                    densest = max(densest, cells[_slot(cells, cells[k, 0] + dx, cells[k, 1] + dy), 2])
+                    densest = max(densest, cells[slot(cells, cells[k, 0] + dx, cells[k, 1] + dy), 2])
             counted[of_cell[k]] *= cells[k, 2] / densest
     return positions[:n], spreads[:n], counted[:n]
 
@@ -131,7 +131,7 @@ def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
     rings = math.ceil(reach_m / NEAR_M)
     for gx in range(cells[row, 0] - rings, cells[row, 0] + rings + 1):
         for gy in range(cells[row, 1] - rings, cells[row, 1] + rings + 1):
-            j = first[_slot(cells, gx, gy)]
+            j = first[slot(cells, gx, gy)]
             while j >= 0:
                 dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
                 if dx * dx + dy * dy < reach_m * reach_m and j != i:
@@ -144,7 +144,7 @@ def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
     """(N,) factors of the weights by neighbours: for density, and for how alike a line it is; (N,) which are radial."""
-    cells, slots = _cells_of(points, NEAR_M)
+    cells, slots = cells_of(points, NEAR_M)
     n = points.shape[0]
     first, after = np.full(cells.shape[0], -1), np.empty(n, dtype=np.int64)
     density, ratios, radial = np.ones(n), np.full(n, -1.0), np.zeros(n, dtype=np.bool_)

@@ -1,0 +1,67 @@
+"""How much of an image a pose explains, where things count as things."""
+
+import numpy as np
+import pytest
+
+from touchline.field import open_field
+from touchline.geometry import FloatArray
+from touchline.localization.registration.line_share import BESIDE, LINE, THING, line_share
+from touchline.localization.registration.registration import Registration
+
+FIELD = open_field("msl-18x12")
+TABLE = Registration(FIELD.distance_map()).table
+POSE = np.array([1.0, -0.5, 0.4])
+
+
+def _share(field_m: FloatArray) -> float:
+    """Of points (N, 2) on the field, seen from a pose."""
+    cosine, sine = np.cos(POSE[2]), np.sin(POSE[2])
+    points = np.ascontiguousarray((field_m - POSE[:2]) @ np.array([[cosine, -sine], [sine, cosine]]))
+    covariances = np.tile(np.diag([1e-4, 1e-4]), (len(points), 1, 1))
+    return float(line_share(points, covariances, POSE, TABLE))
+
+
+def _line(length_m: float, x: float, y: float, spacing_m: float = 0.12) -> FloatArray:
+    """Points ahead in x from a place."""
+    along = np.arange(0.5 * spacing_m, length_m, spacing_m)  # one in each cell
+    return np.column_stack((x + along, np.full(len(along), y)))
+
+
+ON_LINES = _line(6.0, -3.0, 6.0)  # a touch line, 50 points
+
+
+def test_what_lies_on_lines_is_explained() -> None:
+    assert _share(ON_LINES) == 1.0
+    assert _share(np.zeros((0, 2))) == 0.0
+
+
+def test_more_points_on_a_thing_are_no_more_things() -> None:
+    thing = _line(1.0, 0.0, 4.0)
+    dense = np.concatenate([thing + np.array([0.0, step]) for step in np.linspace(0.0, 0.05, 20)])
+    once, often = (_share(np.concatenate((ON_LINES, points))) for points in (thing, dense))
+    assert often == pytest.approx(once, abs=1e-9)
+
+
+@pytest.mark.parametrize(("length_m", "weight"), [(1.0, THING), (4.0, LINE)])
+def test_a_line_that_is_not_there_counts_for_more_than_a_thing(length_m: float, weight: float) -> None:
+    apart = _line(length_m, 0.48, 4.26)
+    on, off = len(ON_LINES), len(apart)
+    assert _share(np.concatenate((ON_LINES, apart))) == pytest.approx(on / (on + weight * off), abs=1e-9)
+
+
+def test_what_lies_beside_a_line_may_be_of_it() -> None:
+    beside = _line(1.0, 0.48, 5.7)
+    on, off = len(ON_LINES), len(beside)
+    assert _share(np.concatenate((ON_LINES, beside))) == pytest.approx(on / (on + BESIDE * off), abs=1e-9)
+
+
+def test_things_apart_are_no_line() -> None:
+    things = np.concatenate([_line(0.8, x, 4.26) for x in (-4.0, -2.0, 0.0, 2.0)])
+    together = _line(3.2, -2.0, 4.26)
+    assert _share(np.concatenate((ON_LINES, things))) > _share(np.concatenate((ON_LINES, together))) + 0.2
+
+
+def test_the_order_of_the_points_is_nothing() -> None:
+    points = np.concatenate((ON_LINES, _line(0.8, -2.0, 4.26), _line(3.0, 0.0, 2.82)))
+    shuffled = np.random.default_rng(0).permutation(points)
+    assert _share(shuffled) == pytest.approx(_share(points), abs=1e-12)
