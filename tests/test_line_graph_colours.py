@@ -122,12 +122,12 @@ def test_colours_are_learned_again_when_the_green_fades() -> None:
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
     horizon = np.ones((30, 40), dtype=np.bool_)
     counts[GREEN] = FULL
-    memory.watch(counts, horizon)
+    memory.watch(counts, horizon, np.full(40, 30.0))
     counts[GREEN] = 2
     for _ in range(FADED_FRAMES - 1):
-        memory.watch(counts, horizon)
+        memory.watch(counts, horizon, np.full(40, 30.0))
     assert not memory.is_learning
-    memory.watch(counts, horizon)
+    memory.watch(counts, horizon, np.full(40, 30.0))
     assert memory.is_learning
     memory.learn(worn_field((30, 60, 50)), everywhere(), everywhere())
     assert memory.classes is not None

@@ -5,6 +5,7 @@ green fades they are learned again.
 import numpy as np
 import numpy.typing as npt
 
+from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.colour_file import load_colours
 from touchline.perception.line_graph.colour_classes import (
@@ -24,6 +25,7 @@ from touchline.types import ImageArray
 Mask = npt.NDArray[np.bool_]
 _MIN_TINT, _MAX_TINT = 0.04, 0.4  # change of the carpet's colour (logarithm) that is followed, and the most
 _EVERY, _MIN_CELLS = 3, 50  # one in so many cells is looked at, and so many of carpet tell it
+_MIN_FIELD = 500  # cells of a field: with less, all of the ground is looked at
 _GREENISH = 0.35  # of the learned carpet's excess of green, from which on a colour may be carpet in other light
 
 
@@ -81,14 +83,16 @@ class ColourMemory:
         if np.abs(np.log(tint / self._tint)).max() > _MIN_TINT:
             self._tint, self.classes = tint, tinted_classes(self._learned, tint)
 
-    def watch(self, counts: CountArray, horizon: Mask) -> None:
+    def watch(self, counts: CountArray, horizon: Mask, ends: FloatArray) -> None:
         """Begin to learn anew when much less of the ground is green than usual, for some images in a row.
 
-        counts: of the classes. horizon: (rows, columns) cells that see the ground.
+        counts: of the classes. horizon: (rows, columns) cells that see the ground. ends: (columns,) height of the
+        field's boundary.
         """
         if self._kept is not None:
             return
-        rows, columns = (cells[::_EVERY] for cells in np.nonzero(horizon))
+        inside = horizon & (np.arange(len(horizon))[:, np.newaxis] >= len(horizon) - ends)
+        rows, columns = (cells[::_EVERY] for cells in np.nonzero(inside if inside.sum() > _MIN_FIELD else horizon))
         self._ground = CELL_PX * rows + CELL_PX // 2, CELL_PX * columns + CELL_PX // 2
         self._green.is_faded(float(counts[GREEN][horizon].sum()) / (FULL * max(int(horizon.sum()), 1)))
         if self._green.has_faded:

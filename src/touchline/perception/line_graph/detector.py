@@ -96,7 +96,7 @@ class LineGraphDetector:
         self._last_view = view
         structure = self._structure(image, self.colours.classes, plane)
         if watching:
-            self.colours.watch(structure.counts, structure.sees_ground)
+            self.colours.watch(structure.counts, structure.sees_ground, structure.ends)
         return self._features(image, structure, plane, stamp_ns)
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
