@@ -134,6 +134,24 @@ def test_colours_are_learned_again_when_the_green_fades() -> None:
     np.testing.assert_allclose(memory.classes.model.green, (30, 60, 50), atol=3.0)
 
 
+def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
+    memory, usual = ColourMemory(None, 1, yuv=False), worn_field()
+    memory.learn(usual, everywhere(), everywhere())
+    learned = memory.classes
+    assert learned is not None
+    counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
+    counts[GREEN] = FULL
+    memory.watch(counts, np.ones((30, 40), dtype=np.bool_), np.full(40, 20.0))
+    memory.follow(usual)
+    assert memory.classes is learned
+    memory.follow(np.clip(0.4 * usual * (1.25, 1.0, 0.8), 0, 255).astype(np.uint8))
+    blue, green, red = memory.classes.model.green / learned.model.green
+    assert blue / green == pytest.approx(1.25, abs=0.05)
+    assert red / green == pytest.approx(0.8, abs=0.05)
+    memory.follow(usual)
+    np.testing.assert_allclose(memory.classes.model.green, learned.model.green, rtol=0.02)
+
+
 def test_a_colour_file_is_kept(small_data: Path, tmp_path: Path) -> None:
     recording = open_source(small_data / "humanoid_9x6_walk")
     frame = next(iter(recording))
