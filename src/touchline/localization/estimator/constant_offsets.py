@@ -24,9 +24,11 @@ from touchline.motion.odometry import Odometry
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
-AT_FIRST = np.array([0.08, 0.15, 0.15, 0.08])  # their standard deviations, of a robot that has them
-TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.02, 0.002, 0.02  # shares of all robots that have one of them
+AT_FIRST = np.array([0.12, 0.15, 0.15, 0.08])  # their standard deviations, of a robot that has them
+TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.008, 0.002, 0.02  # shares of all robots that have one of them
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
+CAMERA_MOVED = 0.5  # probability of a turn where images turn at once, by more than TURN, about where the robot stands
+TURN, STANDS_M = 0.05, 0.03
 RISK = 1e-3  # probability of an error beyond its bound
 HEAD_M = 0.05  # of a humanoid's camera in the place of the displacement above
 BLIND_LATE_S = 0.06  # of a delay that was refuted as the explanation of what contradicts
@@ -93,6 +95,8 @@ def corrected(state, joint, seen, covariance, since, velocity):  # type: ignore[
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
         more[0], more[1], more[2], more[3] = way2, way2, turn2, CHANGED * turn2
+        if turn2 > TURN**2 and way2 < STANDS_M**2:  # a shove would have moved the robot, too
+            more[3] = turn2
         more[4], more[5], more[6] = CHANGED * aside2, CHANGED * aside2, CHANGED * late2
         for k in range(7):
             joint[k, k] += more[k]
@@ -125,7 +129,7 @@ class ConstantOffsets:
 
     def __init__(self) -> None:
         self._late_s = self._clock_s = 0.0
-        self._clock_set = False  # whether images have come otherwise than before
+        self._clock_set = self._camera_moved = False  # whether images have come otherwise, or turned at once
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
         self.reset()
 
@@ -187,7 +191,9 @@ class ConstantOffsets:
             sighting.covariance + VISION + np.outer(2.0 * bend, 2.0 * bend),
             np.diag(self._joint)[3:].copy(),
         )
-        more2 = corrected(self._state, self._joint, sighting.pose, covariance, since, self._velocity)[3:]
+        more2 = corrected(self._state, self._joint, sighting.pose, covariance, since, self._velocity)
+        self._camera_moved |= bool(more2[2] > 0.0 and more2[3] == more2[2])
+        more2 = more2[3:]
         self._prior[more2 > 0.0] = np.sqrt(before2 + more2)[more2 > 0.0]
         self._weigh()
 
@@ -217,7 +223,7 @@ class ConstantOffsets:
         self._state = np.concatenate((pose, np.zeros(4)))
         self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
         self._joint[:3, :3] = covariance
-        self._prior, self._clock_set = AT_FIRST.copy(), False
+        self._prior, self._clock_set, self._camera_moved = AT_FIRST.copy(), False, False
         self._weigh()
 
     def arrive(self, arrivals: Arrivals, odometry: SampleHistory) -> None:
@@ -259,7 +265,8 @@ class ConstantOffsets:
     def _weigh(self) -> None:
         """How large each of the errors may be, and how likely it is there; two at once are too rare to count."""
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
-        shares = TURNED_ROBOTS, DISPLACED_ROBOTS, CLOCK_SET if self._clock_set else LATE_ROBOTS
+        turned = CAMERA_MOVED if self._camera_moved else TURNED_ROBOTS
+        shares = turned, DISPLACED_ROBOTS, CLOCK_SET if self._clock_set else LATE_ROBOTS
         found = single_errors(self._state[3:], self._joint[3:, 3:], self._prior).tolist()
         odds = [share * math.exp(min(each[2], 30.0)) for each, share in zip(found, shares, strict=True)]
         total = max(1.0 - sum(shares), 0.0) + sum(odds)
