@@ -48,6 +48,7 @@ MIN_LAG_M, MIN_SPEED_M_S = 0.04, 0.3  # jump and speed from which a clock may ha
 LAG_ASIDE_M, LAG_ASIDE_RATIO = 0.04, 0.15  # beside its own way
 PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are not Gaussian: 3.7 sigma are not enough
 CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by how much
+DOUBTED = 0.4  # statistic of the motion from which an odometry does not carry a pose far unseen
 VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
@@ -203,7 +204,11 @@ class Integrity:
         if position_m > ALERT_M or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
-        position_m += UNSEEN_RATIO * max(unseen_m - UNSEEN_M, 0.0)
+        doubt = max(max((others.get(name, 0.0) for name in STATISTICS)) - DOUBTED, 0.0)
+        position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
+        if doubt and position_m > ALERT_M:
+            self.unbounded = f"unseen for {unseen_m:.1f} m, by an odometry in doubt"
+            return None
         return position_m, heading_rad + 2.0 * abs(unseen.heading)
 
     def excuse(self) -> None:

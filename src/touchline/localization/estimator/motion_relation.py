@@ -454,8 +454,13 @@ class MotionRelation:
 
     @property
     def is_explained(self) -> bool:
-        """Whether one explanation accounts for what contradicts."""
-        return self.gain > (NAMED_GAIN if self._left < MAX_LEFT else MAX_GAIN)
+        """Whether one explanation accounts for what contradicts. One by the odometry, after which images count alone, has
+        to leave little.
+        """
+        if self._left < MAX_LEFT:
+            return self.gain > NAMED_GAIN
+        by_odometry = self._best < len(_BY_IMAGES) and not _BY_IMAGES[self._best]  # what the gyro says has a witness
+        return self.gain > MAX_GAIN and not by_odometry
 
     def suspect(self, index: int, parameter: float) -> None:
         """Take a fault to last until the motion refutes it."""
