@@ -204,7 +204,7 @@ class Integrity:
         if position_m > ALERT_M or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
-        doubt = max(max((others.get(name, 0.0) for name in STATISTICS)) - DOUBTED, 0.0)
+        doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
         if doubt and position_m > ALERT_M:
             self.unbounded = f"unseen for {unseen_m:.1f} m, by an odometry in doubt"

@@ -454,8 +454,8 @@ class MotionRelation:
 
     @property
     def is_explained(self) -> bool:
-        """Whether one explanation accounts for what contradicts. One by the odometry, after which images count alone, has
-        to leave little.
+        """Whether one explanation accounts for what contradicts. One by the odometry, after which images count alone,
+        has to leave little.
         """
         if self._left < MAX_LEFT:
             return self.gain > NAMED_GAIN
