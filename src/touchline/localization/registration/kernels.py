@@ -77,7 +77,8 @@ def points_of(points, covariances, table, room):  # type: ignore[no-untyped-def]
     """Points number by number; what fills the last chunk up lies at the robot and is not counted."""
     count = points.shape[0]
     rows = np.zeros(((count + CHUNK - 1) // CHUNK, 6 * CHUNK))
-    rows[:, RANGE2:] = 1.0
+    for k in range(count, rows.size // 6):  # a slice would take two seconds to compile
+        rows[k // CHUNK, RANGE2 + k % CHUNK] = 1.0
     for i in range(count):
         row, k, px, py = rows[i // CHUNK], i % CHUNK, points[i, 0], points[i, 1]
         row[X + k], row[Y + k], row[RANGE2 + k] = px, py, px * px + py * py + _MIN_RANGE2_M2
