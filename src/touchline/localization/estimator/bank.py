@@ -331,12 +331,13 @@ class Bank:
         self._settle(self.members)
 
     def _share_of(self, best: Member, image: Image) -> float:
-        """What registration explains, but with a mirror, whose lines show all round, as of line_share.py."""
+        """What registration explains; with a mirror, whose lines show all round, more where things hide it."""
         seen, fit = image.seen, best.fit
         if fit is None or seen.crude or not self.trust.free_fit or len(seen.raw_m):
             return best.explained
         upright = placed_points(seen.positions_m, fit.state[3:], image.response)
-        return float(line_share(upright, seen.covariances_m2, fit.state[:3], self.registration.table))
+        counted = line_share(upright, seen.covariances_m2, fit.state[:3], self.registration.table)
+        return max(best.explained, float(counted))
 
     def _update_from_team(self, evidence: Sequence[Evidence]) -> None:
         """Weigh the members by the evidence of others, a pose and its twin alike; all who are unknown count as one."""
