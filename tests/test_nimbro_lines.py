@@ -203,7 +203,7 @@ def test_both_ends_are_named_after_it_was_carried_away_where_nothing_tells_them_
 
 def test_kinds_can_be_switched_off() -> None:
     only_lines = ("features.use.crossings=false", "features.use.posts=false", "features.use.poles=false")
-    estimates = localized(FIELDS[1], near_start(FIELDS[1]), *only_lines, "features.use.marks=false")
+    estimates = localized(FIELDS[1], near_start(FIELDS[1]), *only_lines, "paper.features.marks=false")
     assert max(e.points for e in estimates) < max(e.points for e in localized(FIELDS[1], near_start(FIELDS[1])))
     assert np.median(errors_m(FIELDS[1], estimates)) < 0.1
 

@@ -26,10 +26,10 @@ _SHOWN_M = 0.3  # between the particles of the figure
 _SECONDS = 60.0
 _MODE_M, _MODE_RATIO = 1.0, 0.2
 PANELS = {
-    "lines": ("crossings", "posts", "poles", "marks"),
-    "crossings": ("lines", "posts", "poles", "marks"),
-    "pole": ("lines", "crossings", "posts", "marks"),
-    "lines, crossings, pole": ("posts", "marks"),
+    "lines": ("crossings", "posts", "poles"),
+    "crossings": ("lines", "posts", "poles"),
+    "pole": ("lines", "crossings", "posts"),
+    "lines, crossings, pole": ("posts",),
 }
 _PAPER = {
     "lines": "shown",
@@ -111,7 +111,7 @@ def _fits(seen: Observation) -> bool:
 
 def belief_of(field: FieldModel, seen: Observation, panel: str, form: str) -> Belief:
     """Equation (8) for the poses of a grid, with the features of one of PANELS."""
-    chosen = humanoids.settings(form, *(f"features.use.{kind}=false" for kind in PANELS[panel]))
+    chosen = humanoids.settings(form, humanoids.NO_MARKS, *(f"features.use.{kind}=false" for kind in PANELS[panel]))
     associations = FieldAssociations(field)
     features = Features(associations, chosen.features)
     model = FeatureModel(associations.tables, field_lines(field), polar=not chosen.features.paper.covariances)

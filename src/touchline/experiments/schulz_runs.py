@@ -34,9 +34,10 @@ _START_M, _START_RAD = 0.3, math.radians(10.0)
 _NODS = 0.125  # of the head, from side to side and back, per second
 
 # what is painted counts as lines: the circle, too, and the marks that the paper does not name
-WITHOUT_LINES = tuple(f"features.use.{kind}=false" for kind in ("lines", "crossings", "marks"))
+NO_MARKS = "paper.features.marks=false"
+WITHOUT_LINES = (*(f"features.use.{kind}=false" for kind in ("lines", "crossings")), NO_MARKS)
 TRACKING_ALONE = ("particles.random_ratio=0", "particles.max_random_ratio=0")  # without global localization
-ONLY_LINES = tuple(f"features.use.{kind}=false" for kind in ("posts", "poles", "marks"))
+ONLY_LINES = (*(f"features.use.{kind}=false" for kind in ("posts", "poles")), NO_MARKS)
 
 
 class Robot(NamedTuple):

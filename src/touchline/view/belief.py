@@ -53,7 +53,7 @@ def belief_of(system: LocalizationSystem, field: FieldModel, seen: Observation) 
     if not isinstance(system, NimbroLines | Touchline):
         return None
     settings = system.features.settings
-    paper = FeaturePaper(covariances=False, oriented_t=settings.paper.oriented_t)
+    paper = FeaturePaper(covariances=False, oriented_t=settings.paper.oriented_t, marks=settings.paper.marks)
     settings = settings.model_copy(update={"paper": paper})
     view = Features(system.features.associations, settings, system.features.height_m).of(seen)
     if view.size == 0:

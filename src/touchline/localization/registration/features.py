@@ -39,9 +39,6 @@ class FeatureKinds(Settings):
     crossings: bool = Field(True, description="L-, T- and X-crossings")
     posts: bool = Field(True, description="goal posts and the middles of goals")
     poles: bool = Field(True, description="poles beside the field")
-    marks: bool = added(
-        True, paper=False, description="penalty marks and the centre circle's middle; the paper names neither"
-    )
 
 
 class FeatureNoiseSettings(Settings):
@@ -77,6 +74,9 @@ class FeaturePaper(Settings):
         True,
         paper=False,
         description="T-crossings have four sets by orientation, as L-crossings; off is the paper's one set",
+    )
+    marks: bool = added(
+        True, paper=False, description="penalty marks and the centre circle's middle; the paper names neither"
     )
 
 
@@ -184,7 +184,7 @@ class Features:
             kept.append(i)
             found.append(self.associations.of_crossing(kind, oriented))
         for i, kind in enumerate(landmarks.kinds.tolist()):
-            wanted = use.posts if kind in _POSTS else use.marks if kind in _MARKS else use.poles
+            wanted = use.posts if kind in _POSTS else self.settings.paper.marks if kind in _MARKS else use.poles
             association = self.associations.of_landmark(kind, landmarks.colors[i])
             if wanted and len(association.candidates):
                 kept.append(len(crossings) + i)
