@@ -76,7 +76,7 @@ class StateFile:
 
 
 class Resumption:
-    """Where a robot may stand by now, told when an image comes: after what is known of the time in between."""
+    """Where a robot may stand at an image, by what is known of the time since the state was written."""
 
     def __init__(self, state: dict[str, Any]) -> None:
         """Raises ValueError, KeyError or TypeError for what is no state."""
@@ -105,16 +105,16 @@ class Resumption:
         if samples is None or was is None:
             return None
         nearest = int(np.abs(samples.stamp_ns - frame.stamp_ns).argmin())
-        away_s = 1e-9 * (frame.stamp_ns - self._stamp_ns)
+        passed_s = 1e-9 * (frame.stamp_ns - self._stamp_ns)
         if (
             abs(int(samples.stamp_ns[nearest]) - frame.stamp_ns) > MAX_APART_NS
-            or abs(away_s - self.age_s) > MAX_CLOCK_S
+            or abs(passed_s - self.age_s) > MAX_CLOCK_S
         ):
             return None
         now = Pose(*samples.values[nearest].tolist())
         way_m = was.distance_to(now)
         begun_anew = math.hypot(now.x, now.y) < min(NEAR_ORIGIN_M, way_m)
-        return None if begun_anew or way_m > MAX_SPEED_M_S * away_s else was.inverse().compose(now)
+        return None if begun_anew or way_m > MAX_SPEED_M_S * passed_s else was.inverse().compose(now)
 
 
 def resume(path: Path, localizer: Localizer) -> str:

@@ -50,7 +50,7 @@ BISECTIONS = 10
 
 @njit(cache=True, error_model="numpy")
 def followed(state, joint, step, noise, drift2):  # type: ignore[no-untyped-def]
-    """Move (in place) by a step told (3,), with its covariance (3, 3), robot frame before it."""
+    """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it."""
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     x, y = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
     state[0] += x

@@ -13,7 +13,6 @@ from touchline.localization.camera_errors.perspective import ahead
 from touchline.motion import LeanFilter
 
 LAGS_S = np.arange(-0.05, 0.26, 0.01)  # by how much stamps may be late: a driver that waits, a network
-_LAGS_S: list[float] = LAGS_S.tolist()
 MEMORY_IMAGES = 150  # over which it is averaged
 MIN_IMAGES = 40  # five seconds
 CLOCK_S = 0.005  # standard deviation of what an IMU's own stamps err by
@@ -37,7 +36,7 @@ class SwayDelay:
         lean_rad (2,): lean of the camera by the lines, without its mounting error, less that by the IMU lag_s before
         the stamp. leaning: the lean by the IMU.
         """
-        turned = leaning.turned_all([stamp_ns - round(1e9 * lag_s) for lag_s in _LAGS_S])
+        turned = leaning.turned_all([stamp_ns - round(1e9 * each) for each in LAGS_S.tolist()])
         self._add(lean_rad, np.array(turned) - np.array(leaning.turned(stamp_ns - round(1e9 * lag_s))))
         return self.delay_s, self.deviation_s
 

@@ -30,11 +30,10 @@ from touchline.localization.camera_errors.base import (
     terms_at,
 )
 from touchline.localization.registration.feature_model import PointFeatures, best_place
-from touchline.localization.registration.kernels import RANGE2, XX, XY, YY, points_of
+from touchline.localization.registration.kernels import MIN_RANGE2_M2, RANGE2, XX, XY, YY, points_of
 from touchline.matrices import applied, inverse, log_determinant
 
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
-_MIN_RANGE2_M2 = 0.01  # as of `kernels`
 _TINY2_M2 = 1e-12
 _MAX_STEP = 0.5  # of the pose in one Gauss-Newton step (m, m, rad)
 
@@ -130,7 +129,7 @@ def _see(row, lookup, room, pose, camera, plan, width2):  # type: ignore[no-unty
         # noise that grows with the range is that of where the line lies: a point that seems nearer by its noise would
         # else weigh more, and shorten every range
         lx, ly = bx - rx * distance, by - ry * distance
-        ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / row[RANGE2 + i]
+        ratio = (lx * lx + ly * ly + MIN_RANGE2_M2) / row[RANGE2 + i]
         spread = rx * rx * row[XX + i] + 2.0 * rx * ry * row[XY + i] + ry * ry * row[YY + i]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
         room[NORMAL + i], room[NORMAL + CHUNK + i] = rx, ry

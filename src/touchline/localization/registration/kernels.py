@@ -14,7 +14,7 @@ from touchline.field.offset_map import CHUNK, Lookup, look_up_offsets, lookup_of
 from touchline.geometry import FloatArray
 
 _DAMPING = 1.0  # 1/m²: a step along what no line observes; a single point at 0.1 m weighs a hundred times as much
-_MIN_RANGE2_M2 = 0.01
+MIN_RANGE2_M2 = 0.01  # added to squared ranges: beside the robot they are no measure of noise
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _TINY2_M2 = 1e-12
 
@@ -81,7 +81,7 @@ def points_of(points, covariances, table, room):  # type: ignore[no-untyped-def]
         rows[k // CHUNK, RANGE2 + k % CHUNK] = 1.0
     for i in range(count):
         row, k, px, py = rows[i // CHUNK], i % CHUNK, points[i, 0], points[i, 1]
-        row[X + k], row[Y + k], row[RANGE2 + k] = px, py, px * px + py * py + _MIN_RANGE2_M2
+        row[X + k], row[Y + k], row[RANGE2 + k] = px, py, px * px + py * py + MIN_RANGE2_M2
         row[XX + k], row[XY + k], row[YY + k] = covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 1, 1]
     return Points(rows, count, lookup_of(table), room)
 
@@ -104,7 +104,7 @@ def _see(row, lookup, room, place, floor_m2):  # type: ignore[no-untyped-def]
         d2 = ox * ox + oy * oy + _TINY2_M2
         rx, ry = cosine * ox + sine * oy, cosine * oy - sine * ox  # the offset in the robot frame
         lx, ly = px - rx, py - ry
-        ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / row[RANGE2 + i]
+        ratio = (lx * lx + ly * ly + MIN_RANGE2_M2) / row[RANGE2 + i]
         spread = rx * rx * row[XX + i] + 2.0 * rx * ry * row[XY + i] + ry * ry * row[YY + i]
         room[_TURN + i], room[_D2 + i] = oy * turned_x - ox * turned_y, d2
         room[_SPREAD + i] = min(max(ratio, 0.5), 2.0) * spread + floor_m2 * d2

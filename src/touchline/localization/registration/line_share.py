@@ -21,7 +21,7 @@ BESIDE_M = 0.5  # from a line, within which a thing's cell may be of that line
 
 @numba.njit(cache=True, error_model="numpy")
 def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untyped-def]
-    """Of points (N, 2), covariances (N, 2, 2), robot frame of a pose (3,); lines: the field's table of offsets."""
+    """Of points (N, 2), covariances (N, 2, 2), robot frame of a pose (3,); 0 of none. lines: the field's table."""
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     placed, distances_m = np.empty_like(points_m), np.empty(points_m.shape[0])
     on_line = np.zeros(points_m.shape[0], dtype=np.int64)
@@ -37,10 +37,10 @@ def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untype
         distances_m[i] = math.hypot(x, y)
         on_line[i] = distances_m[i] ** 2 < SIGMAS2 * variance
     cells, slots = cells_of(placed, CELL_M)
-    explained, away_m = np.zeros(cells.shape[0], dtype=np.int64), np.zeros(cells.shape[0])
+    explained, summed_m = np.zeros(cells.shape[0], dtype=np.int64), np.zeros(cells.shape[0])
     for i in range(len(slots)):
         explained[slots[i]] += on_line[i]
-        away_m[slots[i]] += distances_m[i]
+        summed_m[slots[i]] += distances_m[i]
     right, n, off = 0.0, 0, np.empty((cells.shape[0], 3), dtype=np.int64)
     for k in range(cells.shape[0]):
         if cells[k, 2] == 0:
@@ -48,7 +48,7 @@ def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untype
         if 2 * explained[k] >= cells[k, 2]:
             right += 1.0
         else:
-            off[n, 0], off[n, 1], off[n, 2] = cells[k, 0], cells[k, 1], away_m[k] < BESIDE_M * cells[k, 2]
+            off[n, 0], off[n, 1], off[n, 2] = cells[k, 0], cells[k, 1], summed_m[k] < BESIDE_M * cells[k, 2]
             n += 1
     return right / max(right + _counted(off[:n]), 1.0)
 
