@@ -11,6 +11,7 @@ import pytest
 
 from touchline.experiments.drives import Drive, driven, track_of
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import WINDOW, Culprit, MotionRelation
 from touchline.localization.estimator.visual_motion import Sighting
 from touchline.motion import MotionHistory
@@ -177,6 +178,21 @@ def test_a_pose_found_where_mirrored_images_would_put_it_is_distrusted() -> None
     assert integrity.suspect_mirror(1, Pose(2.1, -1.5, -3.0), before)
     assert not integrity.verdict.images
     assert "mirrored" in integrity.verdict.reason
+
+
+def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
+    drive, coverage = match(), LineCoverage()
+    seen = [frame.observation.points.positions_m for frame in drive.frames if frame.observation is not None]
+    truth, lines = list(drive.truth), drive.field.line_tables
+    for points_m, pose in zip(seen[:60], truth, strict=False):
+        coverage.update(lines, points_m, pose, found=False, settled=True)
+        assert coverage.shown
+    for points_m, pose in zip(seen[60:90], truth[60:], strict=False):  # a few things that lie on lines of the field
+        ahead = np.abs(np.arctan2(points_m[:, 1], points_m[:, 0])) < 0.4
+        coverage.update(lines, points_m[ahead], pose, found=pose is truth[60], settled=True)
+        assert not coverage.shown
+    coverage.update(lines, seen[90], truth[90], found=False, settled=True)
+    assert coverage.shown
 
 
 def test_steps_that_agree_raise_no_alarm() -> None:

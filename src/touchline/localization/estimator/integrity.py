@@ -16,6 +16,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import MIN_EXPLAINED, Bank, Image
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
+from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import (
     LAGS_S,
     MIRRORED,
@@ -95,6 +96,7 @@ class Integrity:
         self.unbounded = ""  # why the newest pose has no bound
         self.offsets = ConstantOffsets()
         self.arrivals = Arrivals()
+        self._coverage = LineCoverage()
         self.reset()
 
     def reset(self, confirmed: bool = False) -> None:
@@ -104,6 +106,7 @@ class Integrity:
         self.relation.reset()
         self.offsets.reset()
         self.arrivals.reset()
+        self._coverage.reset()
         self.verdict = ALL_WELL
         self._seen_ns = 0  # of the newest image that the pose explains
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
@@ -128,7 +131,7 @@ class Integrity:
     def is_believed(self) -> bool:
         """Whether a pose may be tracked."""
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
-        return self.confirmed and self.is_consistent(least) and not self.offsets.doubt
+        return self.confirmed and self._coverage.shown and self.is_consistent(least) and not self.offsets.doubt
 
     def is_consistent(self, min_share: float) -> bool:
         """Whether nothing contradicts the pose, which explains at least this share of what is seen."""
@@ -160,6 +163,8 @@ class Integrity:
             return UNCONFIRMED
         if self.offsets.doubt:
             return self.offsets.doubt
+        if not self._coverage.shown:
+            return "found elsewhere, where more lines would be seen than are"
         jumped = self._since_jump < SHARE_MEMORY
         return "the pose has jumped" if jumped else "the pose explains too little of what is seen"
 
@@ -245,6 +250,7 @@ class Integrity:
         self.relation.clock_s += self.arrivals.change_s
         self._confirm(jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank)
+        self._take_coverage(image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         variances = np.diagonal(best.filter.initial.errors).tolist()
@@ -325,6 +331,13 @@ class Integrity:
         scattered = np.column_stack((cosine * x - sine * y, sine * x + cosine * y))
         fit = self._registration.fit(scattered, image.seen.covariances_m2, best.fit.state[:3].copy(), _NO_STEPS)
         self._chance += 0.3 * (min(fit.explained, 0.9) - self._chance)
+
+    def _take_coverage(self, image: Image, bank: Bank, jump: Jump) -> None:
+        best = bank.best
+        if best is None or best.fit is None or not bank.trust.free_fit or len(image.seen.raw_m):
+            return
+        upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
+        self._coverage.update(self._field.line_tables, upright, best.fit.state[:3], jump.elsewhere, self.is_settled)
 
     def _take_repetition(self, stamp_ns: int, image: Image, last: Sighting | None, history: MotionHistory) -> None:
         """Whether the same points are seen, to the bit, while the odometry moves."""

@@ -118,3 +118,12 @@ def unseen(lines: LineTables, view: View, poses: FloatArray) -> FloatArray:
     """(K,) how many crossings of rays with lines that each pose (K, 3) predicts in view were not seen."""
     found: FloatArray = count_unseen(lines, poses, view)[:, 1]
     return found
+
+
+def seen_ratio(lines: LineTables, points_m: FloatArray, pose: FloatArray, far_m: float) -> float:
+    """Share of the crossings of all rays with lines, up to a range from a pose (3,), at which points (N, 2), robot
+    frame, were seen, whether it was looked there or not; 1 where none is predicted.
+    """
+    view = view_of(points_m)._replace(looked=np.ones(RAYS, dtype=np.bool_), near_m=_MIN_M, far_m=far_m)
+    predicted, missing = count_unseen(lines, pose[np.newaxis], view)[0].tolist()
+    return 1.0 - missing / predicted if predicted else 1.0

@@ -1,0 +1,46 @@
+"""Whether a pose that was found elsewhere shows as many of the field's lines as the robot usually sees.
+
+Somewhere in a field a few bars, a net and a cable fit some lines, and stand still as lines do. What gives such a pose
+away is what is not seen: a camera that shows the field all round would show the other lines there, too. How many a
+robot sees depends on what hides its view, so it is compared with itself, as it was while it was tracked.
+"""
+
+import math
+
+from touchline.field.distances import LineTables
+from touchline.geometry import FloatArray
+from touchline.localization.registration.unseen import seen_ratio
+
+USUAL, SHOWN = 0.6, 0.2  # of its usual ratio elsewhere; what images have to show beyond it, one alone or several
+MAX_M = 6.0  # farther lines are seen now and then
+LEARNED_EVERY, MEMORY = 5, 0.1  # images in which what is usual is learned, and how fast
+
+
+class LineCoverage:
+    """`shown`: whether the pose that is followed was shown by as many lines as usual since it was found."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is usual yet, and nothing is asked of a pose."""
+        self.shown, self._usual, self._far_m = True, 0.0, MAX_M
+        self._beyond, self._images = 0.0, 0  # what was shown beyond USUAL; images in which all was well
+
+    def update(self, lines: LineTables, points_m: FloatArray, pose: FloatArray, found: bool, settled: bool) -> None:
+        """Take line points (N, 2), robot frame, at a pose (3,). found: elsewhere than expected; settled: all well."""
+        if found and self._usual:
+            self.shown, self._beyond = False, 0.0
+        if not self.shown:
+            ratio = seen_ratio(lines, points_m, pose, self._far_m) / self._usual
+            self._beyond = max(self._beyond + ratio - USUAL, 0.0)
+            self.shown = self._beyond >= SHOWN
+        elif settled:
+            self._images += 1
+            if self._images % LEARNED_EVERY == 1:
+                self._learn(seen_ratio(lines, points_m, pose, self._far_m), points_m)
+
+    def _learn(self, ratio: float, points_m: FloatArray) -> None:
+        farthest_m = math.sqrt(float((points_m**2).sum(axis=1).max(initial=0.0)))
+        self._far_m += MEMORY * (min(farthest_m, MAX_M) - self._far_m)
+        self._usual += (MEMORY if self._usual else 1.0) * (ratio - self._usual)
