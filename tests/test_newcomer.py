@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -45,5 +46,11 @@ def test_two_commands_from_a_humanoid_s_mcap_to_poses(
     assert main(["convert", "run", "results.mcap"]) == 0
     with AnyReader([Path("results.mcap")]) as reader:
         topics = {connection.topic for connection in reader.connections}
+        wanted = [connection for connection in reader.connections if connection.topic == "/touchline/look"]
+        heads = [reader.deserialize(data, one.msgtype) for one, _, data in reader.messages(wanted)]
     shown = {"pose", "path", "hypotheses", "particles", "field_lines", "map", "lines_seen", "overlay/compressed"}
-    assert {"/tf", "/diagnostics", *(f"/touchline/{name}" for name in shown)} <= topics
+    assert {"/tf", "/diagnostics", "/touchline/look", *(f"/touchline/{name}" for name in shown)} <= topics
+    assert len(heads) == len(robot)
+    bearings = [2.0 * math.atan2(head.pose.orientation.z, head.pose.orientation.w) for head in heads]
+    assert all(abs(bearing) < math.radians(91.0) for bearing in bearings)
+    assert {head.header.frame_id for head in heads} == {"base_footprint"}

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,10 +13,10 @@ from touchline.sources.bags.standard import on_ground
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.bags.writing import BagWriter, epoch_ns
 from touchline.sources.tables import open_table, read_blocks, to_stamps
-from touchline.types import Estimate, Frame, Observation, Samples
+from touchline.types import Estimate, Frame, Samples
 
 _REACH_NS = 200_000_000  # an odometry sample farther away tells nothing of an image
-Look = Callable[[Frame, Estimate], tuple[Observation | None, bytes | None]]
+Look = Callable[[Frame, Estimate], tuple[Estimate, bytes | None]]
 
 
 def write_results(
@@ -26,8 +25,8 @@ def write_results(
     """Write every estimate of a run, on the clock of the bag that its recording came from, and close the bag.
 
     The transforms are map → odom → base where the recording has odometry at the image's time, else map → base
-    (REP 105). look: what was seen in an image, and a picture (JPEG) of it. on_image: called after every image.
-    Raises InputError if the recording is no longer where it was.
+    (REP 105). look: an estimate with what was seen in its image, and a picture (JPEG) of that. on_image: called after
+    every image. Raises InputError if the recording is no longer where it was.
     """
     recording, table = run.recording(), run.estimates
     epoch, odometry = epoch_ns(recording), _odometry(recording)
@@ -45,8 +44,7 @@ def write_results(
         if row == 0:
             write(stamp_ns, results.field(stamp_ns))
         if look is not None and frame is not None and frame.stamp_ns == estimate.stamp_ns:
-            seen, picture = look(frame, estimate)
-            estimate = replace(estimate, observation=seen)
+            estimate, picture = look(frame, estimate)
             write(stamp_ns, [] if picture is None else [results.overlay(stamp_ns, picture)])
         at = _odometry_at(odometry, estimate.stamp_ns)
         map_from_odom = None if at is None else estimate.pose.compose(at.inverse())

@@ -17,7 +17,7 @@ from touchline.motion.attitude import view_at
 from touchline.perception.detector import observe
 from touchline.sources import Recording
 from touchline.systems import SYSTEMS, LocalizationSystem, open_system
-from touchline.types import Estimate, Frame, ImageArray, Observation, Status
+from touchline.types import Estimate, Frame, ImageArray, Status
 from touchline.view.belief import belief_of, belief_picture
 from touchline.view.overlay import overlay_image
 
@@ -61,19 +61,22 @@ def thumbnails(source: Recording) -> Thumbnails:
     return draw
 
 
-def looks(source: Recording, system: str) -> Callable[[Frame, Estimate], tuple[Observation | None, bytes | None]]:
-    """What was seen in an image, by its own detector or the system's, and a picture of it; called frame by frame."""
+def looks(source: Recording, system: str) -> Callable[[Frame, Estimate], tuple[Estimate, bytes | None]]:
+    """An estimate with what was seen in its image, by its own detector or the system's, and where to look next; and a
+    picture of that image. Called frame by frame.
+    """
     setup = robot_setup(source)
-    detector = None if system not in SYSTEMS else open_system(system, setup).detector
+    opened = None if system not in SYSTEMS else open_system(system, setup)
+    detector, gaze = getattr(opened, "detector", None), getattr(opened, "gaze", None)
     leaning = LeanFilter()
 
-    def look(frame: Frame, estimate: Estimate) -> tuple[Observation | None, bytes | None]:
+    def look(frame: Frame, estimate: Estimate) -> tuple[Estimate, bytes | None]:
         leaning.add(frame)
-        seen = observe(frame, detector)
+        shown = replace(estimate, observation=observe(frame, detector), gaze=gaze)
         if setup.camera is None:
-            return seen, None
-        shown, lean = replace(estimate, observation=seen), leaning.lean(frame.stamp_ns)
-        return seen, thumbnail(setup.camera, source.field, frame, shown, lean, _WIDE_PX)
+            return shown, None
+        lean = leaning.lean(frame.stamp_ns)
+        return shown, thumbnail(setup.camera, source.field, frame, shown, lean, _WIDE_PX)
 
     return look
 
