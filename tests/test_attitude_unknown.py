@@ -15,7 +15,8 @@ from touchline.field import open_field
 from touchline.geometry import Pose, Pose3
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import PerspectiveResponse, ahead
-from touchline.localization.registration.attitudes import attitude_offsets, fit_leaning
+from touchline.localization.registration.attitudes import attitude_offsets, fit_leaning, likely_attitudes
+from touchline.localization.registration.feature_model import LineFeatures
 from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.seen import seen_points
@@ -83,6 +84,22 @@ def test_a_fit_begins_at_other_attitudes_where_the_expected_one_explains_too_lit
     assert fit.explained > 0.95
     assert math.degrees(fit.state[4]) == pytest.approx(pitch_deg, abs=0.1)
     np.testing.assert_allclose(fit.state[:2], truth.as_array()[:2], atol=0.1)
+
+
+@pytest.mark.parametrize("stray_rad", [0.4, 0.8, 1.2])
+def test_an_arc_among_the_lines_does_not_turn_the_camera(stray_rad: float) -> None:
+    """Two lines and a crossing one tell the attitude to a degree, whatever direction a fourth has that is none."""
+    errors = np.radians([1.5, -3.0, 0.0, 0.0])
+    response = PerspectiveResponse(np.array([0.0, 0.0, 0.5]), np.array([0.95, 0.0, -0.3]), fisheye=False)
+    ends = np.array([[[1.5, -1.0], [1.5, 1.0]], [[1.2, -0.8], [4.0, -0.8]], [[1.0, 0.9], [3.5, 0.9]]])
+    stray = np.array([2.0, 0.0]) + np.outer([-0.4, 0.4], [math.cos(stray_rad), math.sin(stray_rad)])
+    turned = Pose(0.0, 0.0, 0.3).transform(np.concatenate((ends, stray[np.newaxis])).reshape(-1, 2))
+    shown, sigmas, ones = placed_points(turned, -errors, response), np.full((4, 2), 0.04), np.ones(4)
+    lines = LineFeatures(shown.reshape(-1, 2, 2), sigmas, sigmas, ones, ones, ones)
+    deviations = np.array([9.0, 9.0, 9.0, 0.05, 0.05, 0.005, 0.005])
+    expected = StatePrior(np.zeros(7), np.diag(deviations**-2.0))
+    likely = np.array(likely_attitudes(lines, expected, response, 3))
+    assert np.degrees(np.abs(likely[:, :2] - errors[:2]).max(axis=1).min()) < 1.0
 
 
 @pytest.mark.parametrize("off_deg", [(1.5, 3.5), (-1.0, -3.0)])

@@ -22,6 +22,7 @@ GOOD = 0.85  # share explained from which no other attitude is tried
 KNOWN_RAD = 0.015  # standard deviation of roll or pitch below which one attitude is searched
 LIKELY = 8  # attitudes that are searched in images of a system
 MIN_SIGMA_RAD = 0.04  # of a line's direction: cameras have other errors, too
+STRAY = 0.02  # probability of a line that is none of the field's straight ones
 
 
 def attitude_deviations(expected: StatePrior) -> FloatArray:
@@ -80,9 +81,14 @@ def likely_attitudes(lines: LineFeatures, expected: StatePrior, response: Respon
 
 
 def _squareness(lines: LineFeatures, errors: FloatArray, response: Response) -> float:
-    """Log-likelihood of the lines' directions if they are parallel or at right angles, at errors (K,) of the camera."""
+    """Log-likelihood of the lines' directions if they are parallel or at right angles, at errors (K,) of the camera.
+
+    An arc or an edge of a shadow among them is none of the field's lines, whatever the attitude: it costs a constant.
+    """
     ends = placed_points(np.ascontiguousarray(lines.ends_m.reshape(-1, 2)), errors, response).reshape(-1, 2, 2)
     along = ends[:, 1] - ends[:, 0]
-    fourfold = np.exp(4j * np.arctan2(along[:, 1], along[:, 0]))
-    weights = np.maximum(lines.own_sigmas[:, 1], MIN_SIGMA_RAD) ** -2.0 / 16.0
-    return float(np.abs((weights * fourfold).sum()) - weights.sum())
+    turns = np.arctan2(along[:, 1], along[:, 0])
+    sigmas = np.maximum(lines.own_sigmas[:, 1], MIN_SIGMA_RAD)
+    off = np.sin(2.0 * (turns - turns[:, np.newaxis])) / (2.0 * np.hypot(sigmas, sigmas[:, np.newaxis]))
+    each = np.log(STRAY + (1.0 - STRAY) * np.exp(-0.5 * off**2))
+    return float(each.sum(axis=1).max(initial=-np.inf)) if len(each) else 0.0

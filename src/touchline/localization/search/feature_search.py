@@ -19,6 +19,7 @@ STARTS = 24  # proposed poses that are registered
 START_M, START_RAD = 0.3, 0.2  # proposals nearer than this are one
 SAME_M, SAME_RAD = 0.3, 0.15  # and poses
 UNLIKELY = 12.0  # logarithm of odds against the best from which a pose is dropped
+MAX_ERROR_Z = 3.3  # standard deviations by which a camera error is believable
 
 
 class FeatureSearch:
@@ -41,6 +42,7 @@ class FeatureSearch:
         information = expected.information.copy()
         information[:3], information[:, :3] = 0.0, 0.0
         information[:3, :3] = ANYWHERE_INFORMATION
+        deviations = np.sqrt(np.diag(np.linalg.inv(information))[3:])
         found: list[Mode] = []
         for errors, view in views:
             proposed = self.proposals.of(view)
@@ -50,7 +52,11 @@ class FeatureSearch:
                 prior = StatePrior(np.concatenate((pose, expected.mean[3:])), information)
                 start = np.concatenate((pose, errors))
                 fit = self.registration.fit_state(seen, start, prior, TRACKING, response)
-                found.append(self._mode(fit, information, known))
+                off = fit.state[3:] - expected.mean[3:]
+                if (np.abs(off) <= MAX_ERROR_Z * deviations).all():
+                    found.append(self._mode(fit, information, known))
+        if not found:
+            return ()
         found.sort(key=lambda mode: -mode.log_likelihood)
         kept = [
             found[k] for k in distinct(np.array([mode.pose for mode in found]).reshape(-1, 3), STARTS, SAME_M, SAME_RAD)
