@@ -166,7 +166,7 @@ class Touchline:
         self.bank.reset(start)
         self.judged.reset(tracking=start is not None)
         self.watch.reset()
-        self.safeguard.reset(start, confirmed=prior != Prior())
+        self.safeguard.reset(start, confirmed=prior != Prior(), own_half=prior == Prior(own_half=True))
         self.relocation.reset()
         self.before_ns, self.problems = 0, tuple[str, ...]()
         if prior.poses:

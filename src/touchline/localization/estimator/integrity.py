@@ -99,9 +99,9 @@ class Integrity:
         self._coverage = LineCoverage()
         self.reset()
 
-    def reset(self, confirmed: bool = False) -> None:
-        """Nothing has been seen. confirmed: the pose was given."""
-        self.confirmed, self._proved = confirmed, False
+    def reset(self, confirmed: bool = False, own_half: bool = False) -> None:
+        """Nothing has been seen. confirmed: the pose was given; own_half: only that it lies there."""
+        self.confirmed, self._proved, self._own_half = confirmed, False, own_half
         self.motion.reset()
         self.relation.reset()
         self.offsets.reset()
@@ -248,7 +248,7 @@ class Integrity:
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples)
         self.relation.clock_s += self.arrivals.change_s
-        self._confirm(jump, len(history.odometry.samples) > 0)
+        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit)
         self._take_share(image, bank)
         self._take_coverage(image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
@@ -275,11 +275,14 @@ class Integrity:
             return self.motion.velocity
         return history.between(last.stamp_ns, stamp_ns).pose.as_array() / seconds
 
-    def _confirm(self, jump: Jump, moves: bool) -> None:
+    def _confirm(self, jump: Jump, moves: bool, all_round: bool) -> None:
         """A pose that was given holds where the image agrees; one that contradicts it is to be shown by turns, too: a
-        robot that drives ahead looks the same in mirrored images. moves: whether there is an odometry.
+        robot that drives ahead looks the same in mirrored images. One found in the own half by the few things that a
+        sector shows holds where the next image agrees. moves: whether there is an odometry.
         """
-        if jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
+        if self._own_half and not all_round:
+            self.confirmed = not jump.elsewhere
+        elif jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
             self.confirmed, self._contradicted = False, True
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0

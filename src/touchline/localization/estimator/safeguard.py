@@ -57,9 +57,9 @@ class Safeguard:
         self.integrity = Integrity(registration, field)
         self.reset()
 
-    def reset(self, start: Filter | None = None, confirmed: bool = False) -> None:
-        """All is well. start: the pose that was given. confirmed: whether anything was."""
-        self.integrity.reset(confirmed)
+    def reset(self, start: Filter | None = None, confirmed: bool = False, own_half: bool = False) -> None:
+        """All is well. start: the pose that was given. confirmed: whether anything was; own_half: that alone."""
+        self.integrity.reset(confirmed, own_half)
         if start is not None:
             self.integrity.offsets.reset(start.pose, start.covariance)
         self._kept: deque[Kept] = deque(maxlen=8)
