@@ -92,6 +92,7 @@ class RosReader:
             heading = heading_of(turn.x, turn.y, turn.z, turn.w)
             yield Start(Pose(place.x, place.y, heading), covariance if covariance.any() else None)
         elif role == roles.ODOMETRY:
+            self._tree.moved(message)
             yield Reading("odometry", self._stamp(message), planar_pose(message))
         elif role in (roles.IMU, roles.COMPASS):
             yield from self._inertial(message, role == roles.IMU, with_compass or role == roles.COMPASS)

@@ -8,7 +8,7 @@ import numpy as np
 
 from touchline.camera import Camera, GroundView, ground_view
 from touchline.geometry import Pose3
-from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, plain, pose3
+from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, lifted, plain, pose3
 from touchline.sources.camera_poses import between
 
 _REMEMBERED = 300  # samples: an image is older than the newest
@@ -56,7 +56,7 @@ class CameraTrack:
     def at(self, frame: str, stamp_ns: int) -> Pose3 | None:
         """`base_from_camera` of an image in a frame, between the samples before and after; None where nothing tells.
 
-        Where the base is none on the ground, it leans as the IMU says.
+        Where the base is none on the ground, it leans as the IMU says, and the ground below it counts.
         """
         if self._head_tells:
             return self._poses.at(stamp_ns)
@@ -68,7 +68,7 @@ class CameraTrack:
         if pose is None or self._wanted is not None or self._tree.base(None) == GROUND_FRAME:
             return pose
         lean = self._leans.at(stamp_ns)
-        return pose if lean is None else lean.compose(pose)
+        return lifted(pose if lean is None else lean.compose(pose), self._tree.base_height_m(None))
 
     def view(self, camera: Camera, frame: str, stamp_ns: int) -> GroundView:
         """What the camera saw then. Raises InputError where nothing tells how it leaned, and it does."""

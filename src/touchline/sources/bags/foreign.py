@@ -33,7 +33,7 @@ from touchline.sources.bags.readings import (
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, TransformOdometry, camera_body, plain, pose3
+from touchline.sources.bags.transforms import FrameTree, TransformOdometry, camera_body, lifted, plain, pose3
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.description import CAMERA
 from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
@@ -115,12 +115,14 @@ class Foreign:
     def _look_around(self) -> None:
         """What has to be known before the first row: clock, camera and frames, as far as the bag tells of them."""
         names: Collection[str] = {*self._roles, *self._transforms}
-        for message in self._bag.messages(names):
+        for count, message in enumerate(self._bag.messages(names)):
             topic = self._bag.topics[message.topic]
             if message.topic in self._transforms:
                 if (transforms := self._decoded(topic, message)) is not None:
                     self._tree.update(transforms.transforms)
                 continue
+            if message.topic == self._name(roles.ODOMETRY) and (odometry := self._decoded(topic, message)) is not None:
+                self._tree.moved(odometry)
             header = None if topic.type in roles.UNSTAMPED else read_header(message.data, topic.encoding)
             if self._epoch_ns is None and header is not None:
                 self._compare_clocks(message.log_ns, header.stamp_ns)
@@ -130,7 +132,7 @@ class Foreign:
                 self._info = self._decoded(topic, message)
             if message.topic in (self._name(roles.IMAGE), *self._pixels) and header is not None:
                 self._frame = self._frame or header.frame
-            if self._knows_enough():
+            if self._knows_enough() and (count >= _MAX_LOOKED or self._knows_height()):
                 return
 
     def _compare_clocks(self, log_ns: int, stamp_ns: int) -> None:
@@ -151,11 +153,18 @@ class Foreign:
             return False
         return not self._transforms or self._mount() is not None
 
+    def _knows_height(self) -> bool:
+        """Whether the base stands on the ground, or it is known how high over it."""
+        base, wanted = self._tree.base(self._options.base), self._options.base
+        return base in (None, _GROUND_FRAME) or wanted is not None or self._tree.base_height_m(wanted) > 0.0
+
     def _mount(self) -> Pose3 | None:
         """`base_from_camera` as far as it is known."""
         base = self._tree.base(self._options.base)
         pose = None if base is None or not self._frame else self._tree.pose(base, self._frame.lstrip("/"))
-        return None if pose is None else camera_body(pose, self._frame)
+        if pose is None:
+            return None
+        return lifted(camera_body(pose, self._frame), self._tree.base_height_m(self._options.base))
 
     def _decoded(self, topic: Topic, message: Message) -> Any:
         try:
@@ -252,6 +261,7 @@ _HEADERS = {
 }
 _GROUND_FRAME = "base_footprint"
 _COLUMNS = HEADER.split(",")[1:]
+_MAX_LOOKED = 200  # messages, after which nothing is expected to tell how high the base is
 _WAIT_NS = 500_000_000  # for the slower of two topics that tell of one image
 
 
@@ -266,7 +276,7 @@ class ForeignTables(NewFiles):
     ) -> None:
         super().__init__(folder, _HEADERS)
         self._tree, self._problems = tree, problems
-        self._base = tree.base(base)
+        self._wanted, self._base = base, tree.base(base)
         self._leans = base is None and self._base != _GROUND_FRAME
         self._lean: FloatArray | None = None
         self._camera = ""
@@ -311,6 +321,7 @@ class ForeignTables(NewFiles):
         body = camera_body(pose, self._camera)
         if self._leans and self._lean is not None:
             body = Pose3(self._lean, np.zeros(3)).compose(body)
+        body = lifted(body, self._tree.base_height_m(self._wanted))
         self._row("camera_pose.csv", max(stamps) - epoch_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
 
     def expect(self, parts: Iterable[str]) -> None:
@@ -321,6 +332,7 @@ class ForeignTables(NewFiles):
     def add(self, role: str, stamp_ns: int, message: Any, together: bool = False) -> None:
         """Write a message's row. together: the IMU is the compass, too."""
         if role == roles.ODOMETRY:
+            self._tree.moved(message)
             self._row("odometry.csv", stamp_ns, list(planar_pose(message)))
         elif role == roles.TRUTH:
             self._truth(stamp_ns, message)

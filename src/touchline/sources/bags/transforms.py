@@ -14,6 +14,8 @@ _BASES = (GROUND_FRAME, "base_link", "base")
 # `body_from_optical`: z ahead, x right, y down of the optical frame in x ahead, y left, z up of the camera's body.
 BODY_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 _UPWARD = 0.7
+_SOLES = ("l_sole", "r_sole")  # of humanoids (REP 120)
+_MIN_HEIGHT_M, _MAX_HEIGHT_M = 0.1, 2.0  # of a body's frame; an odometry that says less began at that frame
 
 
 class FrameTree:
@@ -21,6 +23,26 @@ class FrameTree:
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, Pose3]] = {}
+        self._heights_m: dict[str, float] = {}  # of frames, by topics of odometry
+
+    def moved(self, odometry: Any) -> None:
+        """Take in at which height a nav_msgs/Odometry puts its frame."""
+        if hasattr(odometry, "child_frame_id"):
+            self._heights_m[plain(odometry.child_frame_id)] = float(odometry.pose.pose.position.z)
+
+    def base_height_m(self, wanted: str | None) -> float:
+        """Of the base over the ground, where it is a frame of the body (REP 120: base_link is the hip) that odometry or
+        soles tell; else 0, as of a frame on the ground.
+        """
+        base = self.base(wanted)
+        if base is None or wanted is not None or base == GROUND_FRAME:
+            return 0.0
+        soles = [found for name in _SOLES if (found := self.pose(name, base)) is not None]
+        below = [-float(found.inverse().translation_m[2]) for found in soles]
+        placed = self.pose(ODOMETRY_FRAME, base)
+        heights = [0.0 if placed is None else float(placed.translation_m[2]), self._heights_m.get(base, 0.0)]
+        found_m = (each for each in (*heights, max(below, default=0.0)) if _MIN_HEIGHT_M < each < _MAX_HEIGHT_M)
+        return next(found_m, 0.0)
 
     def update(self, transforms: Iterable[Any]) -> list[tuple[str, int]]:
         """Take in geometry_msgs/TransformStamped; the frames that were placed, with their stamps (ns)."""
@@ -115,6 +137,11 @@ def pose3(place: Any, quaternion: Any) -> Pose3 | None:
     turn = rotation(quaternion)
     origin = np.array([place.x, place.y, place.z], dtype=np.float64)
     return None if turn is None or not np.isfinite(origin).all() else Pose3(turn, origin)
+
+
+def lifted(pose: Pose3, height_m: float) -> Pose3:
+    """A pose in a base that stands so high over the ground, from the ground below it."""
+    return Pose3(pose.rotation, pose.translation_m + np.array([0.0, 0.0, height_m])) if height_m else pose
 
 
 def camera_body(base_from_frame: Pose3, frame: str) -> Pose3:
