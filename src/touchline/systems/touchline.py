@@ -31,6 +31,7 @@ from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay, lean_by
 from touchline.localization.estimator.watch import FieldWatch
+from touchline.localization.estimator.whereabouts import LOST
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.seen import seen_of
@@ -240,6 +241,10 @@ class Touchline:
         self.safeguard.carry(moved, seconds)
         self.end_judge.predict(moved)
         self.relocation.predict(moved, seconds, self.bank)
+        if self.relocation.loses(self.bank) and self.safeguard.held is None:
+            self.relocation.join(self.bank, self.end, LOST)
+            self.end_judge.forget_start()
+            self.judged.reset(tracking=False)
         self.followed = self.bank.best
         self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None

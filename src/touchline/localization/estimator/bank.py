@@ -49,6 +49,8 @@ FEATURE_POINTS = 20.0  # as so many points a crossing or a landmark shows where 
 MIN_EXPLAINED = 0.4  # share of what is seen that a pose has to explain to be corrected by it
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 START_STEP = 1.2  # standard deviations from a given pose to the starts about it
+# deviations of a prediction between which lines that are alike may be mixed up: other starts, so far apart, are tried
+MIN_WIDE_M, MAX_WIDE_M, STARTS_M, MAX_STARTS = 0.1, 1.0, 0.3, 4
 ALLOWED = 16.3  # squared Mahalanobis distance within which 99.9 % of right poses are
 
 
@@ -186,14 +188,19 @@ class Bank:
             self._settle(self.members)
 
     def register(self, image: Image) -> None:
-        """Fit an image from every member, whether the robot was shoved or not."""
+        """Fit an image from every member, whether the robot was shoved or not; what a wide prediction leaves open is
+        followed, too.
+        """
+        others: list[Member] = []
         for one in self.members:
             first = one.fit is None
             tried = [self._fitted(one.filter, image, start) for start in self._starts(one.filter, first)]
-            found = max(tried, key=lambda each: each.log_evidence)
-            one.fit, one.expected, one.log_evidence = found.fit, found.expected, found.log_evidence
+            tried.sort(key=lambda each: -each.log_evidence)
+            one.fit, one.expected, one.log_evidence = tried[0].fit, tried[0].expected, tried[0].log_evidence
+            others += [] if first else _elsewhere(one, tried[1:])
             jump = self._jump_of(one, image)
             self.shoves.apply(one, jump, lambda loose, start, plan: self._fitted(loose, image, start, plan))
+        self.members += others
         if self.members:
             self.members.sort(key=lambda each: -(each.log_odds + each.log_evidence))
 
@@ -246,8 +253,10 @@ class Bank:
     def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
         """The prediction; of a given pose, off by some decimetres and degrees, starts all about it, too."""
         pose = one.pose.as_array()
-        deviations = START_STEP * np.sqrt(np.diag(one.covariance)) if first else np.zeros(3)
-        if not first or deviations.max() > 1.0:
+        if not first:
+            return [pose, *(pose + step for step in _steps_along(one.covariance))]
+        deviations = START_STEP * np.sqrt(np.diag(one.covariance))
+        if deviations.max() > 1.0:
             return [pose]
         return [pose + deviations * step for step in itertools.product((0.0, -1.0, 1.0), repeat=3)]
 
@@ -362,6 +371,31 @@ class Bank:
         for one in kept:
             one.log_odds -= top
         self.members = kept
+
+
+def _elsewhere(one: Member, tried: Sequence[Member]) -> list[Member]:
+    """Copies of a member at the other places (the likeliest first) to which its image fits, too."""
+    found: list[Member] = []
+    poses = [as_pose(each.fit.state) for each in (one, *tried) if each.fit is not None]
+    for k, each in enumerate(tried, 1):
+        if not any(is_same(poses[k], pose) for pose in poses[:k]):
+            copy = one.filter.loosened(np.zeros((3, 3)))
+            found.append(Member(copy, one.log_odds, one.images, each.fit, each.expected, each.log_evidence))
+    return found
+
+
+def _steps_along(covariance: FloatArray) -> list[FloatArray]:
+    """Steps (3,) to other starts of a registration, along the direction in which a prediction is unsure by more than
+    registration reaches.
+    """
+    (xx, xy), (_, yy) = covariance[:2, :2].tolist()
+    deviation = math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
+    if not MIN_WIDE_M < deviation < MAX_WIDE_M:
+        return []
+    count = min(math.ceil(3.0 * deviation / STARTS_M), MAX_STARTS)
+    turned = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    step = STARTS_M * np.array([math.cos(turned), math.sin(turned), 0.0])
+    return [many * step for many in range(-count, count + 1) if many]
 
 
 def could_be_shove(jump: FloatArray) -> bool:

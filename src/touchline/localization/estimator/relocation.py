@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from touchline.field import FieldModel
 from touchline.localization.estimator.bank import Bank
 from touchline.localization.estimator.believed import Believed
@@ -12,6 +14,8 @@ from touchline.localization.search.pose_search import Mode
 from touchline.motion.delayed import Delayed
 from touchline.types import Frame, Prior
 
+# of a prediction (m, m, rad) from which registration may take other lines for those seen: seconds unseen, no odometry
+LOST_VARIANCES = np.square([0.6, 0.6, 1.0])
 OUTSIDE_M = 1.0  # by so much the area where a robot may stand is longer and wider than the field
 
 
@@ -51,6 +55,12 @@ class Relocation:
         if self.whereabouts is None:
             self.end_was_open = bool(bank.members) and end.is_open and not end.undecided
         self.whereabouts = joined(bank, end.probability, self.whereabouts, prior, self._area_m2)
+
+    def loses(self, bank: Bank) -> bool:
+        """Whether the pose that was followed is predicted too widely for images to be registered from it."""
+        if self.whereabouts is not None or not bank.confirmed or bank.best is None:
+            return False
+        return bool((np.diag(bank.best.filter.covariance) > LOST_VARIANCES).any())
 
     def lie(self, seconds: float) -> None:
         """It lies for so long, and may be moved."""

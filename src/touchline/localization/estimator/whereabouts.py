@@ -29,6 +29,7 @@ SETTLING_IMAGES = 4  # in a row that one pose has to explain, until it is tracke
 LYING_RAD, UPRIGHT_RAD, STABLE_S = math.radians(45.0), math.radians(25.0), 0.4
 # by a fall: 0.4 m and 40 degrees are usual; and by every second on the ground
 FALL = Prior(kept=0.95, spread=np.diag(np.square([0.4, 0.4, 0.8])))
+LOST = Prior(kept=0.95)  # of a pose that is predicted too widely to be followed
 LYING = np.diag(np.square([0.1, 0.1, 0.25]))
 
 
