@@ -34,7 +34,10 @@ from touchline.types.estimate import UNCONFIRMED
 
 SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with which it begins to count
 CHANCE_EVERY = 3  # images in which the chance level is found once
-MIN_SHARE_NOW, MIN_SHARE_JUMPED = 0.6, 0.75  # of the newest few images; after a jump of the pose
+# of the newest few images; after a jump of the pose; after more than MAX_JUMPS
+MIN_SHARE_NOW, MIN_SHARE_JUMPED, MIN_SHARE_JUMPING = 0.6, 0.75, 0.9
+# of poses that were consistent and jumped, as a field does that fits here and there; how soon one no longer counts
+MAX_JUMPS, JUMPS_PER_S = 1.3, 0.05
 JUMP_M = 0.25  # of the pose, after which that holds for some images
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
@@ -107,6 +110,7 @@ class Integrity:
         self.offsets.reset()
         self.arrivals.reset()
         self._coverage.reset()
+        self._jumps, self._jumped_ns, self._held_up = 0.0, 0, True  # whether the pose was consistent since it was found
         self.verdict = ALL_WELL
         self._seen_ns = 0  # of the newest image that the pose explains
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
@@ -131,7 +135,15 @@ class Integrity:
     def is_believed(self) -> bool:
         """Whether a pose may be tracked."""
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
-        return self.confirmed and self._coverage.shown and self.is_consistent(least) and not self.offsets.doubt
+        least = MIN_SHARE_JUMPING if self._jumps > MAX_JUMPS else least
+        return self.confirmed and not self._doubt and self.is_consistent(least)
+
+    @property
+    def _doubt(self) -> str:
+        """Why a pose that is consistent may not be tracked; empty where it may."""
+        if not self._coverage.shown:
+            return "found elsewhere, where more lines would be seen than are"
+        return self.offsets.doubt
 
     def is_consistent(self, min_share: float) -> bool:
         """Whether nothing contradicts the pose, which explains at least this share of what is seen."""
@@ -161,10 +173,10 @@ class Integrity:
             return self.verdict.reason
         if not self.confirmed:
             return UNCONFIRMED
-        if self.offsets.doubt:
-            return self.offsets.doubt
-        if not self._coverage.shown:
-            return "found elsewhere, where more lines would be seen than are"
+        if self._doubt:
+            return self._doubt
+        if self._jumps > MAX_JUMPS:
+            return "the pose has jumped more than once, and explains too little: another field, or camera.yaml"
         jumped = self._since_jump < SHARE_MEMORY
         return "the pose has jumped" if jumped else "the pose explains too little of what is seen"
 
@@ -250,7 +262,7 @@ class Integrity:
         self.relation.clock_s += self.arrivals.change_s
         self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit)
         self._take_share(image, bank)
-        self._take_coverage(image, bank, jump)
+        self._take_coverage(stamp_ns, image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         variances = np.diagonal(best.filter.initial.errors).tolist()
@@ -335,12 +347,18 @@ class Integrity:
         fit = self._registration.fit(scattered, image.seen.covariances_m2, best.fit.state[:3].copy(), _NO_STEPS)
         self._chance += 0.3 * (min(fit.explained, 0.9) - self._chance)
 
-    def _take_coverage(self, image: Image, bank: Bank, jump: Jump) -> None:
+    def _take_coverage(self, stamp_ns: int, image: Image, bank: Bank, jump: Jump) -> None:
         best = bank.best
         if best is None or best.fit is None or not bank.trust.free_fit or len(image.seen.raw_m):
             return
+        self._jumps = max(self._jumps - JUMPS_PER_S * 1e-9 * (stamp_ns - self._jumped_ns), 0.0)
+        self._jumped_ns = stamp_ns
+        if jump.elsewhere:
+            self._jumps = min(self._jumps + (self._held_up and jump.predicted is not None), 2.0 * MAX_JUMPS)
+            self._held_up = False
         upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
         self._coverage.update(self._field.line_tables, upright, best.fit.state[:3], jump.elsewhere, self.is_settled)
+        self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
 
     def _take_repetition(self, stamp_ns: int, image: Image, last: Sighting | None, history: MotionHistory) -> None:
         """Whether the same points are seen, to the bit, while the odometry moves."""
