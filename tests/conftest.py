@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does; before NumPy is imported
+
 SMALL_DATA = Path(__file__).parent / "data"
 NAMED = os.environ.get("TOUCHLINE_DATA")
 FULL_DATA = Path(NAMED) if NAMED else Path(__file__).parents[2] / "shared" / "data"

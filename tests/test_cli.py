@@ -82,6 +82,15 @@ def test_the_module_can_be_run() -> None:
     assert done.stdout.startswith("touchline ")
 
 
+def test_one_thread_of_the_matrix_library_unless_told_otherwise() -> None:
+    code = "import os\nfrom touchline.cli import main\nmain(['--version'])\nprint(os.environ['OPENBLAS_NUM_THREADS'])"
+    for threads, expected in ((None, "1"), ("3", "3")):
+        given = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+        given |= {} if threads is None else {"OPENBLAS_NUM_THREADS": threads}
+        done = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == expected
+
+
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]])
 def test_help_names_every_command(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 0

@@ -39,6 +39,13 @@ def inverse(matrix):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def copy_row(row, to):  # type: ignore[no-untyped-def]
+    """One of a matrix, into a row of another."""
+    for k in range(len(row)):
+        to[k] = row[k]
+
+
+@njit(cache=True)
 def times(a, b):  # type: ignore[no-untyped-def]
     """The product of two small matrices."""
     out = np.zeros((a.shape[0], b.shape[1]))

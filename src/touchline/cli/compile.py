@@ -198,15 +198,13 @@ def _render_example() -> None:
 
 
 def _calibrate_example() -> None:
-    """A mirror from the lines in two images of the bundled recording, as far as these tell it."""
-    from itertools import islice
-
+    """A mirror from the lines in an image of the bundled recording, as far as it tells it."""
     from touchline.calibration.lines.images import calibrate_images
     from touchline.cli.run import example_recording
     from touchline.errors import TouchlineError
     from touchline.field import open_field
     from touchline.sources import open_source
 
-    images = [frame.image for frame in islice(open_source(example_recording()), 0, None, 8) if frame.image is not None]
+    image = next(frame.image for frame in open_source(example_recording()) if frame.image is not None)
     with suppress(TouchlineError):
-        calibrate_images(images[:3], open_field("msl-18x12"))
+        calibrate_images([image], open_field("msl-18x12"))

@@ -15,7 +15,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.visual_motion import Sighting
-from touchline.matrices import inverse, times
+from touchline.matrices import copy_row, inverse, times
 from touchline.motion import MotionHistory
 
 WINDOW = 32  # steps: three seconds
@@ -90,12 +90,6 @@ def _cost(seen, driven, weights, i):  # type: ignore[no-untyped-def]
     return min(half, MAX_COST) if half == half else 0.0
 
 
-@njit(cache=True)
-def _copy(row, to):  # type: ignore[no-untyped-def]
-    for k in range(len(row)):  # copying it at once would take seconds to compile
-        to[k] = row[k]
-
-
 @njit(cache=True, error_model="numpy")
 def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
     """The odometry's step (3,), in place, as explanation e with its parameter changes it, but for lags."""
@@ -114,7 +108,7 @@ def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
     elif fitted == 3:
         step[2] += value
     elif fitted == 4 and value < _STILL:
-        _copy(seen, step)  # odometry that stands still tells nothing
+        copy_row(seen, step)  # odometry that stands still tells nothing
     elif fitted == 5:
         step[0] = step[1] = step[2] = 0.0
     elif fitted == 6:
@@ -151,7 +145,7 @@ def saved(steps, signs, e, value, first):  # type: ignore[no-untyped-def]
         return total
     step = np.zeros(3)
     for i in range(first, steps.seen.shape[0]):
-        _copy(steps.driven[i], step)
+        copy_row(steps.driven[i], step)
         _change(step, steps.seen[i], steps.gyro[i], signs, e, value)
         total += steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
     return total
@@ -224,28 +218,28 @@ def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped
     """
     last = steps.costs.shape[0] - 1
     for i in range(last):
-        _copy(steps.seen[i + 1], steps.seen[i])
-        _copy(steps.driven[i + 1], steps.driven[i])
-        _copy(steps.gains[i + 1], steps.gains[i])
+        copy_row(steps.seen[i + 1], steps.seen[i])
+        copy_row(steps.driven[i + 1], steps.driven[i])
+        copy_row(steps.gains[i + 1], steps.gains[i])
         for a in range(3):
-            _copy(steps.weights[i + 1, a], steps.weights[i, a])
+            copy_row(steps.weights[i + 1, a], steps.weights[i, a])
         steps.gyro[i], steps.costs[i], steps.lags_known[i] = (
             steps.gyro[i + 1],
             steps.costs[i + 1],
             steps.lags_known[i + 1],
         )
     seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], driven)
-    _copy(seen, steps.seen[last])
-    _copy(driven, steps.driven[last])
+    copy_row(seen, steps.seen[last])
+    copy_row(driven, steps.driven[last])
     for a in range(3):
-        _copy(weights[a], steps.weights[last, a])
+        copy_row(weights[a], steps.weights[last, a])
     raw, late = _cost(steps.seen, driven, steps.weights, last), _cost(steps.seen, delayed, steps.weights, last)
     steps.gyro[last], steps.costs[last], steps.lags_known[last] = gyro, min(raw, late), 0.0
     step, count = np.empty(3), signs.shape[0]
     for e in range(steps.gains.shape[1]):
         steps.gains[last, e] = 0.0
     for e in range(count + 2):
-        _copy(driven, step)
+        copy_row(driven, step)
         _change(step, seen, gyro, signs, e if e < count else e + _FITTED, 0.0)
         if step[0] == step[0] and step[2] == step[2]:
             steps.gains[last, e] = steps.costs[last] - _cost(steps.seen, step, steps.weights, last)

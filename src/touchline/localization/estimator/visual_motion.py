@@ -104,7 +104,7 @@ class VisualMotion:
         information[3:, 3:] = inverse(camera.covariance + 1e-12 * np.eye(len(state) - 3))
         expected = StatePrior(state, information)
         joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
-        covariance = inverse(joint.information + information)[:3, :3]
+        covariance = np.ascontiguousarray(inverse(joint.information + information)[:3, :3])
         covariance = _told_alone(covariance) if camera.all_round else SECTOR_RATIO * covariance
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
 

@@ -266,8 +266,8 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
             break
         pull = gradient + applied(prior.information, prior.mean - state)
         step = applied(inverse(matrix + prior.information), pull)
-        step[:3] = np.minimum(np.maximum(step[:3], -_MAX_STEP), _MAX_STEP)
-        state += step
+        for i in range(states):
+            state[i] += np.minimum(np.maximum(step[i], -_MAX_STEP), _MAX_STEP) if i < 3 else step[i]  # NaN stays
     strain = state - prior.mean
     strain2 = (strain * applied(prior.information, strain)).sum()
     narrowed = log_determinant(prior.information + matrix) - log_determinant(prior.information)

@@ -12,6 +12,7 @@ import numpy as np
 
 from touchline.field.offset_map import CHUNK, Lookup, look_up_offsets, lookup_of
 from touchline.geometry import FloatArray
+from touchline.matrices import copy_row
 
 _DAMPING = 1.0  # 1/m²: a step along what no line observes; a single point at 0.1 m weighs a hundred times as much
 MIN_RANGE2_M2 = 0.01  # added to squared ranges: beside the robot they are no measure of noise
@@ -206,6 +207,7 @@ def register_all(points, covariances, table, starts, plan):  # type: ignore[no-u
     for k in range(count):
         _descend(seen, fits.poses[k], plan)
         one = _judged(seen, fits.poses[k], plan)
-        fits.information[k] = one.information
+        for i in range(3):
+            copy_row(one.information[i], fits.information[k, i])
         fits.explained[k], fits.noise[k], fits.log_likelihoods[k] = one.explained, one.noise, one.log_likelihood
     return fits

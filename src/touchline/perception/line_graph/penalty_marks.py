@@ -72,7 +72,8 @@ def _patch(
                     alone = alone and counts[GREEN, nr, nc] + counts[WHITE, nr, nc] >= _CARPET * FULL
     if not alone or count > _MAX_CELLS:
         return np.zeros(5)
-    sums[1:] /= sums[0]
+    for k in range(1, len(sums)):
+        sums[k] /= sums[0]
     sums[3] -= sums[1] ** 2
     sums[4] -= sums[2] ** 2
     return sums

@@ -156,7 +156,8 @@ def sort_into_cells(
         spans[k, 3] = min(int((1.0 + above / (1.0 + abs(above)) + 1e-4) * 0.5 * BINS), BINS - 1)
         for n in range(spans[k, 1]):
             cell = (spans[k, 0] + n) % SECTORS * BINS
-            starts[cell + spans[k, 2] + 1 : cell + spans[k, 3] + 2] += 1
+            for level in range(spans[k, 2], spans[k, 3] + 1):
+                starts[cell + level + 1] += 1
     for n in range(SECTORS * BINS):
         starts[n + 1] += starts[n]
     items, fill = np.empty(starts[-1], dtype=np.int16), starts[:-1].copy()
