@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from touchline.experiments.drives import Drive, driven, track_of
+from touchline.experiments.faults import frames_of
+from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import WINDOW, Culprit, MotionRelation
@@ -178,6 +180,15 @@ def test_a_pose_found_where_mirrored_images_would_put_it_is_distrusted() -> None
     assert integrity.suspect_mirror(1, Pose(2.1, -1.5, -3.0), before)
     assert not integrity.verdict.images
     assert "mirrored" in integrity.verdict.reason
+
+
+def test_the_bound_holds_a_clock_that_was_set_until_the_motion_refutes_it() -> None:
+    clean = driven("straight-tracks", 8305, 30.0, "motion.speed_m_s=0.5")  # at one speed nothing else shows it
+    drive = Fault("", FROM_S, math.inf, stepped(0.3)).laid_into(clean, np.random.default_rng(0))
+    found = frames_of(drive, estimates_of(drive))
+    late = np.arange(len(found.bounded)) > 10.0 * FROM_S + 1
+    assert found.bounded[late].sum() > 200
+    assert found.misleading[late].mean() < 0.01
 
 
 def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:

@@ -128,7 +128,7 @@ class ConstantOffsets:
     """How far a pose may be off by errors that fit every image."""
 
     def __init__(self) -> None:
-        self._late_s = self._clock_s = 0.0
+        self._late_s = self._clock_s = self._lag_s = 0.0
         self._clock_set = self._camera_moved = False  # whether images have come otherwise, or turned at once
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
         self.reset()
@@ -226,9 +226,11 @@ class ConstantOffsets:
         self._prior, self._clock_set, self._camera_moved = AT_FIRST.copy(), False, False
         self._weigh()
 
-    def arrive(self, arrivals: Arrivals, odometry: SampleHistory) -> None:
-        """Take how an image has come: where a clock was set it may be stamped later or earlier by that."""
-        self._clock_s = abs(arrivals.off_s)
+    def arrive(self, arrivals: Arrivals, odometry: SampleHistory, lag_s: float = 0.0) -> None:
+        """Take how an image has come: where a clock was set it may be stamped later or earlier by that. lag_s: so much
+        since one was, as far as it is neither refuted nor corrected: at one speed the filter learns nothing of it.
+        """
+        self._clock_s, self._lag_s = abs(arrivals.off_s), lag_s
         self._newest = odometry.slope(EXTRAPOLATION_S) if len(odometry) else np.zeros(3)
         if arrivals.change_s:  # the pose has followed since
             x, y, turn = self._velocity.tolist()
@@ -242,7 +244,7 @@ class ConstantOffsets:
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
-        turn, late_s = exceeded_by(self._turned), exceeded_by(self._late) + self._clock_s
+        turn, late_s = exceeded_by(self._turned), max(exceeded_by(self._late), self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
         if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
@@ -260,6 +262,7 @@ class ConstantOffsets:
         (share, late_s, spread_s), speed, turns = self._late, self._speed, self._turned
         position_m = exceeded_by(self._displaced, PossibleError(share, speed * late_s, speed * spread_s))
         heading_rad = exceeded_by(turns, PossibleError(share, rate * late_s, rate * spread_s))
+        position_m, heading_rad = max(position_m, self._lag_s * speed), max(heading_rad, self._lag_s * rate)
         return position_m + self._clock_s * speed, heading_rad + self._clock_s * rate
 
     def _weigh(self) -> None:

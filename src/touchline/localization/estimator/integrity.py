@@ -25,7 +25,7 @@ from touchline.localization.estimator.motion_relation import (
     Culprit,
     MotionRelation,
 )
-from touchline.localization.estimator.stamp_delay import Arrivals
+from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
@@ -258,8 +258,7 @@ class Integrity:
             else:  # what a wrong odometry told of the camera says nothing
                 self.offsets.blind(self._velocity)
         self.arrivals.update(stamp_ns, history.odometry.samples)
-        self.offsets.arrive(self.arrivals, history.odometry.samples)
-        self.relation.clock_s += self.arrivals.change_s
+        self.offsets.arrive(self.arrivals, history.odometry.samples, self._clock_lag(late_s))
         self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit)
         self._take_share(image, bank)
         self._take_coverage(stamp_ns, image, bank, jump)
@@ -359,6 +358,16 @@ class Integrity:
         upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
         self._coverage.update(self._field.line_tables, upright, best.fit.state[:3], jump.elsewhere, self.is_settled)
         self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
+
+    def _clock_lag(self, late_s: float) -> float:
+        """By how much images may be stamped wrongly since their clock was set (s), until the motion refutes that."""
+        self.relation.clock_s += self.arrivals.change_s
+        lag_s = self.relation.clock_s
+        if abs(lag_s - late_s) < CLOCK_S:
+            return 0.0
+        if lag_s and self.relation.refutes_lag(lag_s):
+            self.relation.clock_s = 0.0
+        return abs(self.relation.clock_s) + CLOCK_S * (self.relation.clock_s != 0.0)
 
     def _take_repetition(self, stamp_ns: int, image: Image, last: Sighting | None, history: MotionHistory) -> None:
         """Whether the same points are seen, to the bit, while the odometry moves."""

@@ -96,7 +96,7 @@ class Arrivals:
         self._newest_ns = odometry.last_ns
         ahead_s = (stamp_ns - odometry.last_ns) / NANOSECONDS
         if math.isnan(self._usual_s):
-            self._usual_s = min(max(ahead_s, -USUAL_AHEAD_S), USUAL_AHEAD_S)
+            self._usual_s = ahead_s if abs(ahead_s) < USUAL_AHEAD_S else 0.0
         self.off_s = ahead_s - self._usual_s
         if abs(self.off_s) < CLOCK_S:
             self.off_s, self._changes_s = 0.0, []
