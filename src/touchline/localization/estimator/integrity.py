@@ -252,7 +252,7 @@ class Integrity:
             spread = knowing.error_covariance + bank.statistics.per_image
             camera = Camera(knowing.errors, spread, bank.trust.free_fit)
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
-            self.relation.update(sighting, history, late_s, jump.elsewhere)
+            self.relation.update(sighting, history, late_s, jump.elsewhere, bank.steps)
             if self.verdict.odometry:
                 self.offsets.update(sighting, history, bank.steps, late_s)
             else:  # what a wrong odometry told of the camera says nothing

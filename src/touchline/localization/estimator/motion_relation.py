@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
 from touchline.matrices import copy_row, inverse, times
 from touchline.motion import MotionHistory
@@ -41,6 +42,7 @@ BACKWARDS = 10.0  # log-odds against images in which a camera that shows what li
 CONFIRMING = 3  # steps that confirm a pose
 WORTH = 15.0  # cost of a window in which there is anything to explain
 AGREEING = 10  # newest steps that must agree after an alarm
+ON_WHEELS = StepNoise(walks=False)
 STATISTICS = "motion", "motion of late", "explanation"  # names
 TELLING_M, TELLING_RAD = 0.3, 0.3  # way and turns from which steps that agree show that all is well
 
@@ -353,8 +355,12 @@ class MotionRelation:
         # a first pose of an unknown camera may be off: those after it count by themselves
         return float(costs[-CONFIRMING:].mean()) < USUAL_COST and self._tells(CONFIRMING)
 
-    def update(self, sighting: Sighting, history: MotionHistory, late_s: float, jumped: bool) -> None:
-        """Take a pose by an image. late_s: how late it is believed to be stamped; jumped: not from where it was."""
+    def update(
+        self, sighting: Sighting, history: MotionHistory, late_s: float, jumped: bool, steps: StepNoise = ON_WHEELS
+    ) -> None:
+        """Take a pose by an image. late_s: how late it is believed to be stamped; jumped: not from where it was; steps:
+        noise of motions, which on legs is no fault.
+        """
         last = self._last
         if jumped:
             self._unbroken = 0
@@ -368,14 +374,18 @@ class MotionRelation:
         while self._pending and len(samples) and samples.last_ns >= self._pending[0][1].stamp_ns:
             begin, end = self._pending.pop(0)
             if samples.first_ns <= begin.stamp_ns:
-                self._add(begin, end, history, late_s)
+                self._add(begin, end, history, late_s, steps)
         self._pending = [each for each in self._pending if sighting.stamp_ns - each[1].stamp_ns < 1e9 * MAX_WAIT_S]
 
-    def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float) -> None:
+    def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
         span_ns = (last.stamp_ns, sighting.stamp_ns)
         driven, gyro = _driven(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
         delayed = _driven(history, *span_ns, late_s) if late_s else driven
-        ends = (last.pose, last.covariance, sighting.pose, sighting.covariance)
+        covariance = sighting.covariance
+        if steps.walks:
+            turn = rotated(float(last.pose[2]))
+            covariance = covariance + turn @ steps.of(history.between(*span_ns)) @ turn.T
+        ends = (last.pose, last.covariance, sighting.pose, covariance)
         raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro)
         cost = min(raw, late)
         if late_s:
@@ -525,6 +535,12 @@ class MotionRelation:
         if images < 0.5 * odometry and odometry > SIGMA_RAD:
             return Explanation(Culprit.ODOMETRY, "odometry contradicts images and gyro")
         return Explanation(Culprit.IMAGES, "images contradict odometry")
+
+
+def rotated(heading_rad: float) -> FloatArray:
+    """(3, 3) that turns x and y of (m, m, rad) by a heading."""
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool:
