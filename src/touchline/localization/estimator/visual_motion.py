@@ -23,6 +23,7 @@ FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 SECTOR_RATIO = 2.0  # of the variance of a pose by a few things, each of which may be taken for another
 MAX_SIGMA_M, UNKNOWN_M = 0.03, 3.0  # of an image all round: along an axis that it tells worse it tells nothing
+LEARNING_S, LEARNED_Z = 4.0, 2.0  # after the first image, and by how many standard deviations of one image
 _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
 
 
@@ -58,6 +59,8 @@ class VisualMotion:
         """No image was seen."""
         self.last: Sighting | None = None
         self._velocity: FloatArray = np.zeros(3)
+        self._first_ns: int | None = None
+        self._errors: FloatArray = np.zeros(0)  # of the camera, where the chain of images began
 
     @property
     def velocity(self) -> FloatArray:
@@ -90,10 +93,18 @@ class VisualMotion:
                     best = _mixed(best, (moving, still, other))
             if seconds > 0.0:
                 self._velocity = difference(best.pose, last.pose) / seconds
-        if best.begun:
-            self._velocity = np.zeros(3)
+        if best.begun or self._learns(stamp_ns, camera):
+            best, self._errors, self._velocity = best._replace(begun=True), camera.errors, np.zeros(3)
         self.last = best
         return best
+
+    def _learns(self, stamp_ns: int, camera: Camera) -> bool:
+        """Whether the first images have just taught what a camera differs by: that moves the pose, not the robot."""
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        if camera.all_round or stamp_ns - self._first_ns > 1e9 * LEARNING_S or len(self._errors) != len(camera.errors):
+            return False
+        off = np.abs(camera.errors - self._errors)
+        return bool((off > LEARNED_Z * np.sqrt(np.diag(camera.covariance)))[:2].any())
 
     def _registered(
         self, stamp_ns: int, image: Image, camera: Camera, start: FloatArray, plan: Plan = UNSETTLED
