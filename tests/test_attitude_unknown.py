@@ -26,7 +26,7 @@ from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
-from touchline.types import Frame, LinePoints, Prior, Samples, Status
+from touchline.types import Frame, LinePoints, Observation, Prior, Samples, Status
 from touchline.view.look import seen_through
 
 SUN = FULL_DATA / "humanoid_hsl_sun"
@@ -100,6 +100,23 @@ def test_an_arc_among_the_lines_does_not_turn_the_camera(stray_rad: float) -> No
     expected = StatePrior(np.zeros(7), np.diag(deviations**-2.0))
     likely = np.array(likely_attitudes(lines, expected, response, 3))
     assert np.degrees(np.abs(likely[:, :2] - errors[:2]).max(axis=1).min()) < 1.0
+
+
+def test_a_given_pose_between_two_places_that_fit_as_well_is_not_tracked() -> None:
+    """One line ahead may be either of two; which one a second image of more lines tells."""
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.3, 0.0, (0.0, 0.0, 0.5))
+    camera = PinholeCamera(752, 480, 493.0, 493.0, 376.0, 240.0, np.zeros(5), mount)
+    field, truth = open_field("hsl-s-9x6"), Pose(1.525, 0.0, 0.0)
+    system = open_system("touchline", RobotSetup(field, camera))
+    assert isinstance(system, Touchline)
+    ahead_m = np.column_stack((np.full(60, 1.0), np.linspace(-1.2, 1.2, 60)))
+    spread = np.tile(0.02**2 * np.eye(2), (len(ahead_m), 1, 1))
+    points = LinePoints(ahead_m, spread, np.ones(len(ahead_m)), np.full_like(ahead_m, np.nan))
+    system.reset(Prior(Pose(truth.x + 0.5, 0.0, 0.0)))
+    estimate = system.step(Frame(0, observation=Observation(0, points)))
+    places = sorted(one.filter.pose.x for one in system.bank.members)
+    np.testing.assert_allclose(places, [truth.x, truth.x + 1.0], atol=0.3)
+    assert estimate.status is not Status.TRACKING
 
 
 @pytest.mark.parametrize("off_deg", [(1.5, 3.5), (-1.0, -3.0)])

@@ -189,7 +189,7 @@ class Bank:
 
     def register(self, image: Image) -> None:
         """Fit an image from every member, whether the robot was shoved or not; what a wide prediction leaves open is
-        followed, too.
+        followed, too, and what the first image of a sector does.
         """
         others: list[Member] = []
         for one in self.members:
@@ -197,7 +197,9 @@ class Bank:
             tried = [self._fitted(one.filter, image, start) for start in self._starts(one.filter, first)]
             tried.sort(key=lambda each: -each.log_evidence)
             one.fit, one.expected, one.log_evidence = tried[0].fit, tried[0].expected, tried[0].log_evidence
-            others += [] if first else _elsewhere(one, tried[1:])
+            if not (first and self.trust.free_fit):
+                least = tried[0].log_evidence - self.trust.max_gain if first else -math.inf
+                others += _elsewhere(one, [each for each in tried[1:] if each.log_evidence > least])
             jump = self._jump_of(one, image)
             self.shoves.apply(one, jump, lambda loose, start, plan: self._fitted(loose, image, start, plan))
         self.members += others
@@ -230,7 +232,7 @@ class Bank:
         top = max(one.log_evidence for one in every)
         for one in every:
             one.log_odds += max(one.log_evidence - top, -trust.max_gain)
-        self._settle(every)
+        self.members = sorted(every, key=lambda each: -each.log_odds)  # those that come together are one after that
         self._fuse(image)
         self._update_from_team(evidence)
         self.share = self._share_of(self.members[0], image)
