@@ -87,6 +87,14 @@ def test_nothing_is_said_while_all_is_well() -> None:
     assert np.median(bounds[tracked]) < 0.1
 
 
+def test_two_slips_within_a_second_are_no_alarm() -> None:
+    drive = driven("match", 8000, 60.0).until(30.0)
+    slips_s = [time_s for time_s in drive.times_of("slip") if 26.0 < time_s < 28.0]
+    assert len(slips_s) == 2
+    estimates = [one for one, time_s in zip(estimates_of(drive), drive.times_s, strict=True) if time_s > slips_s[0]]
+    assert not any("odometry" in text for one in estimates for text in one.problems)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

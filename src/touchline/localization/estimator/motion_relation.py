@@ -395,7 +395,10 @@ class MotionRelation:
         kept = slice(-WINDOW + 1, None)
         self._spans_ns = [*self._spans_ns[kept], span_ns]
         seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
-        self.sum = min(max(self.sum + (cost - USUAL_COST) * min(seconds / 0.1, 2.0), 0.0), 1.1 * MAX_SUM)
+        more = (cost - USUAL_COST) * min(seconds / 0.1, 2.0)
+        if self.all_round:
+            more = min(more, MAX_COST - USUAL_COST)  # a shove is one, however long its step
+        self.sum = min(max(self.sum + more, 0.0), 1.1 * MAX_SUM)
         self._explain(history)
 
     def _fill_lags(self) -> None:
