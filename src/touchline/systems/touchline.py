@@ -17,7 +17,7 @@ from touchline.localization.camera_errors.base import CameraErrors, Response, pl
 from touchline.localization.camera_errors.perspective import HEIGHT_M
 from touchline.localization.estimator.bank import Bank, Image, ShoveTest
 from touchline.localization.estimator.believed import believed
-from touchline.localization.estimator.end_judge import EndJudge, compass_error
+from touchline.localization.estimator.end_judge import EndJudge, Predicted, compass_error
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
@@ -246,7 +246,7 @@ class Touchline:
             self.end_judge.forget_start()
             self.judged.reset(tracking=False)
         self.followed = self.bank.best
-        self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()
+        self.predicted = Predicted.of(self.followed)
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
 
     def _observe(self, frame: Frame) -> tuple[Frame, Observation]:
@@ -323,7 +323,7 @@ class Touchline:
 
     def _judge_sensors(self, frame: Frame, image: Image) -> None:
         """Whether images and odometry are trusted."""
-        followed = None if self.followed is None else self.predicted
+        followed = None if self.followed is None else self.predicted.pose
         jump = jump_of(self.bank.best, followed, expected=self.relocation.whereabouts is not None)
         self.problems += self.safeguard.update(
             frame.stamp_ns, image, self.bank, self.end, self.history, self.delay, jump

@@ -1,9 +1,13 @@
 """When the field's end is known and when it is open: what was given at the start, and a compass, at each pose found."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.estimator.bank import Bank, Member, could_be_shove
+from touchline.geometry import FloatArray, Pose, as_pose, wrap_angle
+from touchline.localization.estimator.bank import ALLOWED, Bank, Member, could_be_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.field_end import FieldEnd, OwnHalf
 from touchline.localization.estimator.watch import Ends
@@ -14,7 +18,33 @@ from touchline.types import Frame, Prior
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 GIVEN_S = 10.0  # for which a pose has to be tracked until the half that was given says no more of where one is found
+MIN_COVARIANCE = np.diag(np.square([0.02, 0.02, 0.01]))  # of a prediction
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
+
+
+class Predicted(NamedTuple):
+    """pose (3,) and covariance (3, 3) of the pose that is followed, before an image."""
+
+    pose: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, followed: Member | None) -> Predicted:
+        """As its filter has it now; nowhere without one."""
+        if followed is None:
+            return cls(np.zeros(3), np.zeros((3, 3)))
+        return cls(followed.filter.pose.as_array(), followed.filter.covariance.copy())
+
+    def allows(self, found: Pose) -> bool:
+        """Whether a robot that was predicted there may stand here, shoved or known so widely, and not at the twin."""
+        if could_be_shove(found.as_array() - self.pose):
+            return True
+        here2, there2 = (self._distance2(pose) for pose in (found, found.mirrored()))
+        return here2 < ALLOWED and there2 - here2 > 2.0 * CLEARLY
+
+    def _distance2(self, pose: Pose) -> float:
+        off = pose.minus(as_pose(self.pose))
+        return float(off @ np.linalg.solve(self.covariance + MIN_COVARIANCE, off))
 
 
 class EndJudge:
@@ -66,14 +96,14 @@ class EndJudge:
         return (Known(np.array([0.0, 0.0, compass_rad]), self._information), *zone)
 
     def follow(
-        self, bank: Bank, followed: Member | None, predicted: FloatArray, compass_rad: float | None, refereed: bool
+        self, bank: Bank, followed: Member | None, predicted: Predicted, compass_rad: float | None, refereed: bool
     ) -> None:
-        """Whether the likeliest pose goes on from its prediction (3,), has jumped, or was found anew. refereed: nobody
+        """Whether the likeliest pose goes on from its prediction, has jumped, or was found anew. refereed: nobody
         carries a robot without a word; found elsewhere, it was lost, and with it its end.
         """
         best = bank.best
         assert best is not None
-        if followed is None or not could_be_shove(best.filter.pose.as_array() - predicted):
+        if followed is None or not predicted.allows(best.filter.pose):
             known = refereed and followed is not None and (self.end.log_odds > CLEARLY or self.end.undecided)
             self._begin(bank, best, followed is None, compass_rad)
             self.end.undecided |= self.end.symmetric and known and self.end.log_odds < CLEARLY
