@@ -13,6 +13,7 @@ from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
 from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.integrity import Jump
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import WINDOW, Culprit, MotionRelation
 from touchline.localization.estimator.step_noise import StepNoise
@@ -132,6 +133,20 @@ def test_a_pose_that_was_not_given_is_confirmed_by_motion() -> None:
     assert system.step(still).reason == "not yet confirmed by motion"
     system.reset(Pose(*drive.truth[0].tolist()))
     assert system.step(still).status is Status.TRACKING
+
+
+def test_a_pose_found_in_the_own_half_counts_once_two_images_agree_and_one_that_was_left_is_no_contradiction() -> None:
+    integrity, here = open_system("touchline", match().setup).safeguard.integrity, Pose(1.0, 0.0, 0.0)  # type: ignore[attr-defined]
+    integrity.reset(confirmed=True, own_half=True)
+    found, follows, elsewhere = Jump(None, True), Jump(here, False), Jump(here, True)
+    confirmed = []
+    for jump, share in ((found, 1.0), (follows, 0.9), (follows, 0.7), (follows, 0.9), (follows, 0.9), (follows, 0.7)):
+        integrity._confirm(jump, True, False, share)
+        confirmed.append(integrity.confirmed)
+    assert confirmed == [False, False, False, False, True, True]
+    for jump in (elsewhere, follows, follows):
+        integrity._confirm(jump, True, False, 1.0)
+    assert integrity.confirmed
 
 
 def related(change: Callable[[Pose], Pose], steps: int = WINDOW, all_round: bool = True) -> MotionRelation:

@@ -27,6 +27,7 @@ from touchline.localization.estimator.motion_relation import (
 )
 from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
+from touchline.localization.registration.attitudes import GOOD
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.motion import MotionHistory
@@ -38,6 +39,9 @@ CHANCE_EVERY = 3  # images in which the chance level is found once
 MIN_SHARE_NOW, MIN_SHARE_JUMPED, MIN_SHARE_JUMPING = 0.6, 0.75, 0.9
 # of poses that were consistent and jumped, as a field does that fits here and there; how soon one no longer counts
 MAX_JUMPS, JUMPS_PER_S = 1.3, 0.05
+GOOD_IMAGES = (
+    2  # in a row, in which a pose found in the own half is as good as the right one is (`GOOD`), until it counts
+)
 JUMP_M = 0.25  # of the pose, after which that holds for some images
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
@@ -105,6 +109,7 @@ class Integrity:
     def reset(self, confirmed: bool = False, own_half: bool = False) -> None:
         """Nothing has been seen. confirmed: the pose was given; own_half: only that it lies there."""
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
+        self._good_images = 0  # in a row that agree with a pose found in the own half
         self.motion.reset()
         self.relation.reset()
         self.offsets.reset()
@@ -259,7 +264,7 @@ class Integrity:
                 self.offsets.blind(self._velocity)
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples, self._clock_lag(late_s))
-        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit)
+        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit, bank.share)
         self._take_share(image, bank)
         self._take_coverage(stamp_ns, image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
@@ -286,13 +291,15 @@ class Integrity:
             return self.motion.velocity
         return history.between(last.stamp_ns, stamp_ns).pose.as_array() / seconds
 
-    def _confirm(self, jump: Jump, moves: bool, all_round: bool) -> None:
+    def _confirm(self, jump: Jump, moves: bool, all_round: bool, share: float) -> None:
         """A pose that was given holds where the image agrees; one that contradicts it is to be shown by turns, too: a
         robot that drives ahead looks the same in mirrored images. One found in the own half by the few things that a
-        sector shows holds where the next image agrees. moves: whether there is an odometry.
+        sector shows holds where the next images agree. moves: whether there is an odometry; share: what it explains.
         """
         if self._own_half and not all_round:
-            self.confirmed = not jump.elsewhere
+            good = not jump.elsewhere and share >= GOOD
+            self._good_images = self._good_images + 1 if good else 0
+            self.confirmed = not jump.elsewhere and (self.confirmed or self._good_images >= GOOD_IMAGES)
         elif jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
             self.confirmed, self._contradicted = False, True
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
