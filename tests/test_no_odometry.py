@@ -17,7 +17,7 @@ from touchline.geometry import Pose
 from touchline.sources import open_source
 from touchline.systems import RobotSetup
 from touchline.systems.touchline import Touchline, TouchlineSettings
-from touchline.types import Estimate, Frame, Prior, Status
+from touchline.types import Estimate, Frame, Prior, Status, WeightedPose
 
 PANNING = AS_BUILT._replace(away_s=0.0, pan_deg=50.0)
 
@@ -62,6 +62,19 @@ def test_a_pose_predicted_widely_is_found_again_at_its_end(unseen: int) -> None:
     assert all(errors(one, after)[0] < 0.1 for one in found if one.status is Status.TRACKING)
     assert found[-1].status is Status.TRACKING
     assert (found[-1].end_probability or 0.0) > 0.9
+
+
+def test_the_end_is_told_by_where_it_was_found_not_by_where_it_drove_since() -> None:
+    """Started again, known to a few metres: both ends are likely, and the way from there tells nothing of them."""
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
+    widely = np.diag(np.square([2.5, 2.5, math.pi]))
+    system.reset(Prior(poses=(WeightedPose(Pose(2.0, 0.0, 0.0), widely, 0.9),)))
+    for k in range(60):
+        place = Pose(0.5 - 0.08 * k, 0.5, math.pi)
+        estimate = system.step(blind(frame(k, seen(place, k))))
+        assert min(errors(estimate, place)[0], errors(estimate, place.mirrored())[0]) < 0.1
+        assert estimate.status is not Status.TRACKING
+        assert 0.5 <= (estimate.end_probability or 0.0) < 0.7
 
 
 def test_of_lines_that_are_alike_each_is_followed(shared_data: Path) -> None:

@@ -310,7 +310,7 @@ class Touchline:
             return
         compass_rad = self._compass(frame)
         self.end_judge.follow(self.bank, self.followed, self.predicted, compass_rad, self.relocation.refereed)
-        if where is not None:
+        if where is not None and not (self.bank.guessed and best is self.followed):  # a way that images alone have told
             end.take_prior(where.log_odds(best.filter.pose), self.relocation.end_was_open)
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(compass_error(best.filter.pose, compass_rad), seconds)

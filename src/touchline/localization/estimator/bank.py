@@ -130,7 +130,7 @@ class Bank:
         self.registration, self._lines, self.statistics = registration, lines, statistics
         self.trust, self.start, self.steps, self.shoves = statistics.errors.trust, start, steps, shoves
         self.max_members = MAX_MEMBERS
-        self._guessed = False  # the motion since the last image: there was no odometry
+        self.guessed = False  # the motion since the last image: there was no odometry
         self.reset()
 
     def reset(self, start: Filter | None = None) -> None:
@@ -172,7 +172,7 @@ class Bank:
 
     def predict(self, moved: Delayed, seconds: float) -> None:
         """Propagate every member by the odometry."""
-        noise, self._guessed = self.steps.of(moved.motion), moved.motion.missing_s > 0.0
+        noise, self.guessed = self.steps.of(moved.motion), moved.motion.missing_s > 0.0
         for one in self.members:
             one.filter.predict(moved, seconds, noise)
 
@@ -259,7 +259,7 @@ class Bank:
         """
         pose = one.pose.as_array()
         if not first:
-            return [pose, *(pose + step for step in (_steps_along(one.covariance) if self._guessed else ()))]
+            return [pose, *(pose + step for step in (_steps_along(one.covariance) if self.guessed else ()))]
         deviations = START_STEP * np.sqrt(np.diag(one.covariance))
         if deviations.max() > 1.0:
             return [pose]

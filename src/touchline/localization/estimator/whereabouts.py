@@ -60,7 +60,7 @@ class Whereabouts:
         self.parts = sorted(parts, key=lambda part: -part.weight)[:MAX_PARTS]
         self._rest = math.log(max(rest, MIN_REST) / (2.0 * math.pi * area_m2))
         self._half = OwnHalf() if own_half else None
-        self._settling = 0
+        self._settling = self._unmeasured = 0
         self._followed: Member | None = None
 
     @property
@@ -69,7 +69,12 @@ class Whereabouts:
         return self.parts[0].filter if self.parts else None
 
     def predict(self, moved: Delayed, seconds: float, noise: FloatArray) -> None:
-        """Propagate by the odometry."""
+        """Propagate by the odometry. noise (3, 3): of the motion, robot frame before it; where no odometry has told it,
+        a robot that drives on does not turn back at every image: deviations add up, not variances.
+        """
+        if moved.motion.missing_s > 0.0:
+            self._unmeasured += 1
+            noise = (2 * self._unmeasured - 1) * noise
         for part in self.parts:
             part.filter.predict(moved, seconds, noise)
         if self._half is not None:
