@@ -24,7 +24,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.types import LinePoints, Observation, points_at
 
-WALK_S, STEP = 20.0, 5
+WALK_S, STEP = 20.0, 8
 
 
 @cache
