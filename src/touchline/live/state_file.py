@@ -20,10 +20,10 @@ from touchline.types import Estimate, Frame, Prior, Status, WeightedPose
 
 EVERY_S = 1.0
 MAX_AGE_S = 3600.0  # from which it tells nothing of the pose
-# of a robot that went on while nothing was localised: with less a fast one was found at the wrong end
-SPEED_M_S, TURN_RAD_S = 1.0, 1.5
-MAX_DEVIATION_M, MAX_DEVIATION_RAD = 4.0, math.pi
-STOOD, WENT_ON, STILL_THERE_S = 0.5, 0.4, 900.0  # weights at once; the time after which it was rather carried off
+# of a robot that went on while nothing was localised, slowly or fast: with less a fast one was found at the wrong end
+SPEEDS_M_S, TURN_RAD_S = (0.3, 2.0), 1.5
+MAX_DEVIATION_M, MAX_DEVIATION_RAD = 8.0, 2.0 * math.pi  # as good as anywhere in a field
+STOOD, WENT_ON, STILL_THERE_S = 0.5, 0.2, 900.0  # weights at once; the time after which it was rather carried off
 # where odometry goes on: weight of where it leads; what is left for the two others; its drift by time (m/s, rad/s)
 BY_ODOMETRY, ELSE, DRIFT_M_S, DRIFT_RAD_S = 0.9, 0.06, 0.03, 0.03
 MAX_APART_NS, MAX_CLOCK_S = 400_000_000, 5.0  # of an odometry sample and an image; of the two clocks, as an image waits
@@ -146,13 +146,13 @@ def prior_of(poses: list[dict[str, Any]], age_s: float, moved: Pose | None = Non
     there = math.exp(-age_s / STILL_THERE_S)
     rest = 1.0 if moved is None else ELSE
     drift = _spread(0.1 + DRIFT_M_S * age_s, DRIFT_RAD_S * age_s)
-    went = _spread(SPEED_M_S * age_s, TURN_RAD_S * age_s)
+    ways = [_spread(speed * age_s, TURN_RAD_S * age_s) for speed in SPEEDS_M_S]
     found: list[WeightedPose] = []
     for one in poses[:MAX_POSES]:
         pose, weight = Pose(*map(float, one["pose"])), min(float(one["probability"]), 1.0) * there
         covariance = np.reshape(np.array(one["covariance"], dtype=np.float64), (3, 3)) + BLURRED
         found += [WeightedPose(pose, covariance, STOOD * rest * weight)]
-        found += [WeightedPose(pose, covariance + went, WENT_ON * rest * weight)]
+        found += [WeightedPose(pose, covariance + went, WENT_ON * rest * weight) for went in ways]
         if moved is not None:
             found += [WeightedPose(pose.compose(moved), covariance + drift, BY_ODOMETRY * weight)]
     return Prior(poses=tuple(found))

@@ -305,13 +305,14 @@ class Touchline:
 
     def _judge_end(self, frame: Frame, observation: Observation, seconds: float) -> None:
         """Which of the pose and its twin is right, by the compass, by colours and by the evidence of others."""
-        best, end, where = self.bank.best, self.end, self.relocation.whereabouts
+        best, end = self.bank.best, self.end
         if best is None or self.safeguard.held is not None:
             return
         compass_rad = self._compass(frame)
         self.end_judge.follow(self.bank, self.followed, self.predicted, compass_rad, self.relocation.refereed)
-        if where is not None and not (self.bank.guessed and best is self.followed):  # a way that images alone have told
-            end.take_prior(where.log_odds(best.filter.pose), self.relocation.end_was_open)
+        moved_log_odds = self.relocation.end_log_odds(self.bank, self.followed)
+        if moved_log_odds is not None:
+            end.take_prior(moved_log_odds, self.relocation.end_was_open)
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends

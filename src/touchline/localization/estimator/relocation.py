@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from touchline.field import FieldModel
-from touchline.localization.estimator.bank import Bank
+from touchline.localization.estimator.bank import Bank, Member
 from touchline.localization.estimator.believed import Believed
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.game_states import Referee
@@ -16,6 +16,7 @@ from touchline.types import Frame, Prior
 
 # of a prediction (m, m, rad) from which registration may take other lines for those seen: seconds unseen, no odometry
 LOST_VARIANCES = np.square([0.6, 0.6, 1.0])
+OPEN_LOG_ODDS = 1.0  # of an end that is likelier and open
 OUTSIDE_M = 1.0  # by so much the area where a robot may stand is longer and wider than the field
 
 
@@ -77,6 +78,21 @@ class Relocation:
         if self.whereabouts is None:
             return len(modes) * [carried_log_odds]
         return self.whereabouts.gains(modes, bank.best)
+
+    def end_log_odds(self, bank: Bank, followed: Member | None) -> float | None:
+        """Of the likeliest pose, against its twin; None: nothing new. followed: what was, before the image. Without
+        odometry the way since tells nothing of the end, and on wheels, which are fast, a pose that takes the place of
+        another leaves it open.
+        """
+        best = bank.best
+        if self.whereabouts is None or best is None:
+            return None
+        if bank.guessed and best is followed:
+            return None
+        log_odds = self.whereabouts.log_odds(best.filter.pose)
+        if not bank.guessed or not bank.trust.free_fit or followed is None or self.whereabouts.is_fresh:
+            return log_odds
+        return min(max(log_odds, -OPEN_LOG_ODDS), OPEN_LOG_ODDS)
 
     def settle(self, bank: Bank, shown: bool, tracked: bool) -> None:
         """Take what an image made of the likeliest pose. shown: whether it showed anything."""

@@ -25,6 +25,7 @@ MIN_REST = 0.02  # probability of standing where nothing says: no prior is a con
 NARROW = 0.6  # standard deviation (m, rad) up to which a pose is followed; registration reaches no farther
 MIN_VARIANCES = np.diag(np.square([0.1, 0.1, 0.1]))  # of what is kept: a found pose is off by some centimetres itself
 MAX_FOUND_GAIN, MIN_FOUND_GAIN = 5.0, -10.0  # log-odds of a pose that is found, against the one that is followed
+FRESH_STEPS = 3  # motions without an odometry, until which a mixture says where the robot stands now
 SETTLING_IMAGES = 4  # in a row that one pose has to explain, until it is tracked
 LYING_RAD, UPRIGHT_RAD, STABLE_S = math.radians(45.0), math.radians(25.0), 0.4
 # by a fall: 0.4 m and 40 degrees are usual; and by every second on the ground
@@ -62,6 +63,11 @@ class Whereabouts:
         self._half = OwnHalf() if own_half else None
         self._settling = self._unmeasured = 0
         self._followed: Member | None = None
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the robot has hardly moved since without an odometry."""
+        return self._unmeasured <= FRESH_STEPS
 
     @property
     def best(self) -> Filter | None:
