@@ -192,15 +192,15 @@ def test_steps_that_slip_as_feet_do_are_no_contradiction_and_a_wrong_sign_is() -
     for sign, legs in ((1.0, True), (1.0, False), (-1.0, True)):
         rng, history, relation = np.random.default_rng(3), MotionHistory(), MotionRelation()
         relation.all_round = False
-        pose, told = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
+        pose, driven = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
         for k in range(WINDOW):
             stamp_ns = 500_000_000 * (k + 1)
-            history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([told]))))
+            history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([driven]))))
             sighting = Sighting(stamp_ns, pose.as_array(), 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0)
             relation.update(sighting, history, 0.0, jumped=False, steps=StepNoise(legs))
             slip = 0.03 * rng.standard_normal(2)
             pose = pose.compose(Pose(0.12, 0.05, 0.1))
-            told = told.compose(Pose(sign * (0.12 + slip[0]), sign * (0.05 + slip[1]), 0.1))
+            driven = driven.compose(Pose(sign * (0.12 + slip[0]), sign * (0.05 + slip[1]), 0.1))
         worst = max(relation.statistics.values())
         assert (worst < 0.9) is (legs and sign > 0.0)
 

@@ -1,8 +1,6 @@
 """When the field's end is known and when it is open: what was given at the start, and a compass, at each pose found."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -29,7 +27,7 @@ class Predicted(NamedTuple):
     covariance: FloatArray
 
     @classmethod
-    def of(cls, followed: Member | None) -> Predicted:
+    def of(cls, followed: Member | None) -> Self:
         """As its filter has it now; nowhere without one."""
         if followed is None:
             return cls(np.zeros(3), np.zeros((3, 3)))

@@ -33,7 +33,15 @@ from touchline.sources.bags.readings import (
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, TransformOdometry, camera_body, lifted, plain, pose3
+from touchline.sources.bags.transforms import (
+    GROUND_FRAME,
+    FrameTree,
+    TransformOdometry,
+    camera_body,
+    lifted,
+    plain,
+    pose3,
+)
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.description import CAMERA
 from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
@@ -156,7 +164,7 @@ class Foreign:
     def _knows_height(self) -> bool:
         """Whether the base stands on the ground, or it is known how high over it."""
         base, wanted = self._tree.base(self._options.base), self._options.base
-        return base in (None, _GROUND_FRAME) or wanted is not None or self._tree.base_height_m(wanted) > 0.0
+        return base in (None, GROUND_FRAME) or wanted is not None or self._tree.base_height_m(wanted) > 0.0
 
     def _mount(self) -> Pose3 | None:
         """`base_from_camera` as far as it is known."""
@@ -259,7 +267,6 @@ _HEADERS = {
     "camera_pose.csv": "t,x,y,z,roll,pitch,yaw",
     "observations.csv": HEADER,
 }
-_GROUND_FRAME = "base_footprint"
 _COLUMNS = HEADER.split(",")[1:]
 _MAX_LOOKED = 200  # messages, after which nothing is expected to tell how high the base is
 _WAIT_NS = 500_000_000  # for the slower of two topics that tell of one image
@@ -277,7 +284,7 @@ class ForeignTables(NewFiles):
         super().__init__(folder, _HEADERS)
         self._tree, self._problems = tree, problems
         self._wanted, self._base = base, tree.base(base)
-        self._leans = base is None and self._base != _GROUND_FRAME
+        self._leans = base is None and self._base != GROUND_FRAME
         self._lean: FloatArray | None = None
         self._camera = ""
         self._last_pose_ns: int | None = None
