@@ -75,8 +75,8 @@ class Whereabouts:
         return self.parts[0].filter if self.parts else None
 
     def predict(self, moved: Delayed, seconds: float, noise: FloatArray) -> None:
-        """Propagate by the odometry. noise (3, 3): of the motion, robot frame before it; where no odometry measured it, a
-        robot that drives on does not turn back at every image: deviations add up, not variances.
+        """Propagate by the odometry. noise (3, 3): of the motion, robot frame before it; where no odometry measured it,
+        a robot that drives on does not turn back at every image: deviations add up, not variances.
         """
         if moved.motion.missing_s > 0.0:
             self._unmeasured += 1
