@@ -111,6 +111,3 @@ class _HasSetup(Protocol):
 def system_text(system: _HasSetup) -> str:
     """What a system is shown as where Python prints it: its class, field and camera."""
     return repr(system.setup).replace("RobotSetup", type(system).__name__)
-
-
-__all__ = ["RobotSetup", "as_setup", "open_monitor", "system_text"]

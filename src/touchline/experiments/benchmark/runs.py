@@ -24,7 +24,7 @@ from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.workers import Workers
 from touchline.experiments.benchmark.exchange import read_answers, read_start, track_of_answers, write_inputs
 from touchline.experiments.benchmark.scoring import DriveScore, score_of
-from touchline.experiments.benchmark.suite import HUMANOID, MIRROR, Entry, Suite, digest
+from touchline.experiments.benchmark.suite import MIRROR, Entry, Suite, digest
 from touchline.experiments.drives import Drive, drive_of, track_of
 from touchline.experiments.scenes import public_recording
 from touchline.files.new import replace_file
@@ -313,6 +313,3 @@ def by_row(found: Sequence[Scored], suite: Suite) -> Mapping[tuple[str, str], li
         for scored in each:
             table.setdefault((name, scored.system), []).append(scored.score)
     return table
-
-
-__all__ = ["HUMANOID", "MIRROR", "PAPER", "Scored", "by_row", "export", "read_results", "run_suite", "score_answers"]

@@ -2,5 +2,3 @@
 
 from touchline.perception.line_graph.detector import LineGraphDetector
 from touchline.perception.line_graph.settings import LineGraphPaper, LineGraphSettings
-
-__all__ = ["LineGraphDetector", "LineGraphPaper", "LineGraphSettings"]
