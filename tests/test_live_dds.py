@@ -35,6 +35,7 @@ from touchline.live.ros_topics import FIXED_TOPICS
 from touchline.live.ros_writer import RosWriter
 from touchline.localizer import Localizer
 from touchline.sources import open_source
+from touchline.sources.bags.camera_file import ros_camera
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.result_messages import Outgoing
 from touchline.sources.bags.roles import ROLES
@@ -371,6 +372,29 @@ def test_the_example_s_images_are_played_as_they_are() -> None:
     (out,) = writer.played(Picture(1, data, None, None))
     assert bytes(out.message.data) == data
     assert out.message.format == "jpeg"
+
+
+def test_a_played_recording_tells_its_camera_and_how_it_leans(small_data: Path) -> None:
+    source = open_source(small_data / "humanoid_9x6_walk")
+    link, robot = dds_link(), RosRobot(Dds(), ros_camera(source))
+    heard: list[Heard] = []
+    waited(lambda: heard.extend(link.hear(0.01)) or {"camera_info", "image", "imu"} <= set(link.topics))
+    robot.send(Reading("attitude", 100_000_000, (0.05, -0.02)))
+    robot.send(Picture(100_000_000, source.image_bytes(0), None, None))
+    waited(lambda: heard.extend(link.hear(0.05)) or any(isinstance(each, Sight) for each in heard))
+    (described,) = (each for each in heard if isinstance(each, Described))
+    (sight,) = (each for each in heard if isinstance(each, Sight))
+    assert described.camera.fx == pytest.approx(source.camera.fx)
+    leaned = Pose3.from_roll_pitch_yaw(0.05, -0.02, 0.0).compose(source.camera.base_from_camera)
+    assert sight.base_from_camera is not None
+    np.testing.assert_allclose(sight.base_from_camera.translation_m, leaned.translation_m, atol=1e-9)
+    np.testing.assert_allclose(sight.base_from_camera.rotation, leaned.rotation, atol=1e-9)
+    robot.close()
+    link.close()
+
+
+def test_a_mirror_is_no_camera_that_ros_knows() -> None:
+    assert ros_camera(open_source(EXAMPLE)) is None
 
 
 def test_camera_info_and_transforms_are_the_camera_and_the_odometry(small_data: Path, tmp_path: Path) -> None:

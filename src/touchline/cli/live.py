@@ -303,8 +303,9 @@ def play(
     if any(ros.values()):
         transport = _transport(ros, "", network, name="touchline_play")
         from touchline.live.ros_link import RosRobot
+        from touchline.sources.bags.camera_file import ros_camera
 
-        robot = RosRobot(transport)
+        robot = RosRobot(transport, ros_camera(source))
     else:
         from touchline.live.udp import UdpRobot
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
-from touchline.camera import Camera
+from touchline.camera import Camera, PerspectiveCamera
 from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.live.heard import Heard, Picture, Published, Reading, count_refused
@@ -20,7 +20,16 @@ from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYP
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.result_messages import OVERLAY, OWN, Outgoing, ResultMessages
-from touchline.sources.bags.roles import COMPASS, DETECTION_TOPIC, DETECTIONS, IMU, ODOMETRY, ROLES, choose_topics
+from touchline.sources.bags.roles import (
+    CAMERA_INFO,
+    COMPASS,
+    DETECTION_TOPIC,
+    DETECTIONS,
+    IMU,
+    ODOMETRY,
+    ROLES,
+    choose_topics,
+)
 from touchline.sources.bags.standard import Frames
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemLog
@@ -123,8 +132,8 @@ class RosLink:
                 self.transport.read(topic.name, topic.type)
             for name, kind in self._answers():
                 self.transport.announce(name, kind)
-            # where the camera is comes before what it saw
-            taken = sorted(self.transport.take(ends_s), key=lambda each: not self._fixed(each[0]))
+            # where the camera is, and what it is, come before what it saw
+            taken = sorted(self.transport.take(ends_s), key=lambda each: self._order(each[0]))
             found = [heard for name, data in taken for heard in self._heard(name, data)]
             found += self._reader.due()
             if found or time.monotonic() >= ends_s:
@@ -200,6 +209,10 @@ class RosLink:
         """The role of a topic that is known by its name, with or without the namespace."""
         return FIXED_TOPICS.get(name) or (FIXED_TOPICS.get(name.removeprefix(self._namespace)))
 
+    def _order(self, name: str) -> int:
+        """In which messages that came together are read."""
+        return 0 if self._fixed(name) else 1 if CAMERA_INFO in self._chosen[name] else 2
+
     def _choose(self) -> list[tuple[str, Topic]]:
         """What was found for each role that is still free."""
         named = {role: name for role, name in self._named.items() if name in self._seen}
@@ -218,12 +231,12 @@ class RosLink:
 
 
 class RosRobot:
-    """The robot's side: publishes what a recording holds."""
+    """The robot's side: publishes what a recording holds. camera: that took its images, where ROS can be told of it."""
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Transport, camera: PerspectiveCamera | None = None) -> None:
         """Announces everything and waits until those that listen have found it."""
         self._transport, self._codec = transport, Codec()
-        self._writer = RosWriter(self._codec)
+        self._writer = RosWriter(self._codec, camera=camera)
         for topic, kind in PLAYED.items():
             transport.announce(topic, kind)
         time.sleep(2.0 * SETTLE_S)

@@ -23,9 +23,10 @@ FIXED_TYPES = {
     CLOCK: "rosgraph_msgs/msg/Clock",
     SAID: "std_msgs/msg/String",
 }
-IMAGE_TOPIC, ODOMETRY_TOPIC, IMU_TOPIC = "/image/compressed", "/odom", "/imu/data"
+IMAGE_TOPIC, INFO_TOPIC, ODOMETRY_TOPIC, IMU_TOPIC = "/image/compressed", "/camera_info", "/odom", "/imu/data"
 PLAYED = {
     IMAGE_TOPIC: roles.COMPRESSED_IMAGE,
+    INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
     ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
     IMU_TOPIC: "sensor_msgs/msg/Imu",
     "/tf": FIXED_TYPES[TRANSFORMS],

@@ -3,7 +3,10 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
+from touchline.camera import PerspectiveCamera
+from touchline.geometry import Pose3
 from touchline.live.datagrams import reading_datagram, seen_datagram
 from touchline.live.heard import Picture, Published, Reading
 from touchline.live.ros_topics import (
@@ -11,14 +14,14 @@ from touchline.live.ros_topics import (
     BOOSTER_POSE_TYPE,
     IMAGE_TOPIC,
     IMU_TOPIC,
+    INFO_TOPIC,
     ODOMETRY_TOPIC,
     PLAYED,
     SEEN_TOPIC,
     WHEELS_TOPIC,
 )
 from touchline.sources.bags.result_messages import Outgoing, ResultMessages
-from touchline.sources.bags.standard import BASE, OPTICAL
-from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
+from touchline.sources.bags.standard import BASE, BODY
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Status
 
@@ -27,9 +30,12 @@ _MAX_BYTES = 8_000_000  # of what a detector found
 
 
 class RosWriter:
-    """Estimates, and what a recording holds, to messages."""
+    """Estimates, and what a recording holds, to messages. camera: that took the images that are played."""
 
-    def __init__(self, codec: Codec, results: ResultMessages | None = None) -> None:
+    def __init__(
+        self, codec: Codec, results: ResultMessages | None = None, camera: PerspectiveCamera | None = None
+    ) -> None:
+        self._camera = camera
         self.results = results or ResultMessages(codec)
         self._make, self._codec = self.results.standard, codec
         self._inertial: dict[str, tuple[float, ...]] = {}
@@ -64,9 +70,7 @@ class RosWriter:
                 found = replace(event.observation, stamp_ns=event.stamp_ns)
                 yield self._said(SEEN_TOPIC, seen_datagram(found, event.base_from_camera, _MAX_BYTES))
             elif event.data is not None:
-                if event.base_from_camera is not None:
-                    optical = event.base_from_camera.compose(BODY_FROM_OPTICAL)
-                    yield Outgoing("/tf", PLAYED["/tf"], self._make.transform(stamp_ns, BASE, OPTICAL, optical))
+                yield from self._described(stamp_ns, event.base_from_camera)
                 yield Outgoing(IMAGE_TOPIC, PLAYED[IMAGE_TOPIC], self._make.compressed(stamp_ns, event.data))
         elif inertial:
             self._inertial_ns = event.stamp_ns
@@ -79,8 +83,24 @@ class RosWriter:
 
     def rest(self) -> Iterator[Outgoing]:
         """What was gathered of an IMU, at the end."""
+        if self._camera is not None and self._camera.use_attitude and "attitude" in self._inertial:
+            lean = Pose3.from_roll_pitch_yaw(*self._inertial["attitude"])
+            yield self._placed(self._make.transform(max(self._inertial_ns, 0), BASE, BODY, lean))
         if self._inertial:
             yield self._imu()
+
+    def _described(self, stamp_ns: int, base_from_camera: Pose3 | None) -> Iterator[Outgoing]:
+        """Where the camera was when it took an image, and what it is, as far as ROS can be told."""
+        if base_from_camera is not None:
+            yield self._placed(self._make.camera_at(stamp_ns, base_from_camera))
+        elif self._camera is not None:
+            body = BODY if self._camera.use_attitude else BASE
+            yield self._placed(self._make.camera_at(stamp_ns, self._camera.base_from_camera, body))
+        if self._camera is not None:
+            yield Outgoing(INFO_TOPIC, PLAYED[INFO_TOPIC], self._make.camera_info(stamp_ns, self._camera))
+
+    def _placed(self, transform: Any) -> Outgoing:
+        return Outgoing("/tf", PLAYED["/tf"], transform)
 
     def _said(self, topic: str, line: bytes) -> Outgoing:
         return Outgoing(topic, PLAYED[topic], self._codec.make(PLAYED[topic], data=line.decode().rstrip()))

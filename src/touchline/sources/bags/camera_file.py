@@ -1,12 +1,26 @@
-"""sensor_msgs/CameraInfo as a camera.yaml."""
+"""sensor_msgs/CameraInfo as a camera.yaml, and what ROS can be told of a recording's camera."""
 
 from typing import Any
 
 import numpy as np
 
+from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
+from touchline.errors import InputError
 from touchline.geometry import Pose3
+from touchline.sources.folder import Recording
 
 _PLUMB_BOB, _FISHEYE = ("plumb_bob", ""), ("equidistant", "fisheye")
+
+
+def ros_camera(recording: Recording) -> PerspectiveCamera | None:
+    """The camera of a recording, where ROS has messages for its kind; None, too, where its file holds no camera."""
+    if recording.camera_kind not in PERSPECTIVE_MODELS:
+        return None
+    try:
+        camera = recording.camera
+    except InputError:
+        return None
+    return camera if isinstance(camera, PerspectiveCamera) else None
 
 
 def camera_mapping(info: Any, base_from_camera: Pose3 | None) -> dict[str, Any] | str:

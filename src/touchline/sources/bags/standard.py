@@ -6,11 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from touchline.camera import PerspectiveCamera, perspective_mapping
 from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Estimate, Status
 
 MAP, ODOM, BASE, OPTICAL = "map", "odom", "base_footprint", "camera_optical_frame"
+BODY = "base_link"  # leans as the robot does
 _UNKNOWN = np.eye(1, 9).ravel() * -1.0  # the covariance of what a sensor does not measure (sensor_msgs/Imu)
 Fields = dict[str, Any]
 _VALUES = (
@@ -85,18 +88,23 @@ class StandardMessages:
             "sensor_msgs/msg/CompressedImage", header=self.header(stamp_ns, OPTICAL), format=kind, data=pixels
         )
 
-    def camera_info(self, stamp_ns: int, camera: Mapping[str, Any]) -> Any:
-        """sensor_msgs/CameraInfo of the keys of a perspective camera.yaml."""
-        fx, fy, cx, cy = (float(camera[key]) for key in ("fx", "fy", "cx", "cy"))
+    def camera_at(self, stamp_ns: int, base_from_camera: Pose3, base: str = BASE) -> Any:
+        """tf2_msgs/TFMessage of a camera, whose frame looks along z in ROS."""
+        return self.transform(stamp_ns, base, OPTICAL, base_from_camera.compose(BODY_FROM_OPTICAL))
+
+    def camera_info(self, stamp_ns: int, camera: PerspectiveCamera) -> Any:
+        """sensor_msgs/CameraInfo of a camera."""
+        keys = perspective_mapping(camera)
+        fx, fy, cx, cy = (float(keys[key]) for key in ("fx", "fy", "cx", "cy"))
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        fisheye = camera.get("model") == "fisheye"
+        fisheye = keys["model"] == "fisheye"
         return self._make(
             "sensor_msgs/msg/CameraInfo",
             header=self.header(stamp_ns, OPTICAL),
-            height=int(camera["height"]),
-            width=int(camera["width"]),
+            height=camera.height,
+            width=camera.width,
             distortion_model="equidistant" if fisheye else "plumb_bob",
-            d=camera.get("distortion", [0.0] * (4 if fisheye else 5)),
+            d=keys["distortion"],
             k=matrix.ravel(),
             r=np.eye(3).ravel(),
             p=np.column_stack((matrix, np.zeros(3))).ravel(),

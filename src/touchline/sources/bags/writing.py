@@ -10,11 +10,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from touchline.camera import PERSPECTIVE_MODELS
-from touchline.errors import InputError
 from touchline.files.opened import UnreadableError, read_text
-from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import Pose3
+from touchline.sources.bags.camera_file import ros_camera
 from touchline.sources.bags.layout import (
     COMPRESSED_IMAGE,
     EPOCH_KEY,
@@ -25,9 +23,8 @@ from touchline.sources.bags.layout import (
     TABLES,
     WHOLE,
 )
-from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages
+from touchline.sources.bags.standard import OPTICAL, StandardMessages
 from touchline.sources.bags.table_rows import MAX_STAMP_NS, Rows, read_rows
-from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.camera_poses import CAMERA_POSES
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
@@ -168,7 +165,7 @@ class _Outgoing:
             return "/imu/data", "sensor_msgs/msg/Imu", imu
         if name == "camera_pose.csv" and np.isfinite(row := numbers(*CAMERA_POSE_COLUMNS)).all():
             body = Pose3.from_roll_pitch_yaw(row[3], row[4], row[5], row[:3])
-            return "/tf", _TF, make.transform(stamp_ns, BASE, OPTICAL, body.compose(BODY_FROM_OPTICAL))
+            return "/tf", _TF, make.camera_at(stamp_ns, body)
         if name == "ground_truth.tum" and np.isfinite(row := numbers(*TUM_COLUMNS[1:])).all():
             pose = make.pose(stamp_ns, row[0], row[1], heading_of(*row[3:]))
             return "/ground_truth/pose", "geometry_msgs/msg/PoseStamped", pose
@@ -176,18 +173,13 @@ class _Outgoing:
 
     def _camera(self) -> Iterator[Outgoing]:
         """What ROS knows of a perspective camera."""
-        recording = self._recording
-        if recording.camera_kind not in PERSPECTIVE_MODELS or recording.camera_file is None:
-            return
-        try:
-            camera = recording.camera
-            info = self._standard.camera_info(self._start_ns, read_yaml_mapping(recording.camera_file))
-        except (InputError, KeyError, TypeError, ValueError):
-            return  # a camera that is none is copied as it is
+        camera = ros_camera(self._recording)
+        if camera is None:
+            return  # one that is none is copied as it is
+        info = self._standard.camera_info(self._start_ns, camera)
         yield self._outgoing(self._start_ns, "/camera/camera_info", "sensor_msgs/msg/CameraInfo", info)
-        if not (recording.folder / CAMERA_POSES).exists():
-            base_from_optical = camera.base_from_camera.compose(BODY_FROM_OPTICAL)
-            placed = self._standard.transform(self._start_ns, BASE, OPTICAL, base_from_optical)
+        if not (self._recording.folder / CAMERA_POSES).exists():
+            placed = self._standard.camera_at(self._start_ns, camera.base_from_camera)
             yield self._outgoing(self._start_ns, "/tf_static", _TF, placed)
 
     def _images(self, path: Path) -> Iterator[Outgoing]:
