@@ -186,6 +186,19 @@ def test_a_mirror_uses_the_compass_unless_it_is_told_not_to() -> None:
     assert last({"compass": False}).twin_probability == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.parametrize(("view_rad", "is_perspective"), [(0.9, True), (math.pi, False)])
+def test_a_camera_that_nobody_described_is_a_perspective_one_if_it_sees_a_sector(
+    view_rad: float, is_perspective: bool
+) -> None:
+    field, truth = open_field(WHITE), Pose(-1.0, 0.5, 3.0)
+    points = line_points(truth, field, 1)
+    seen = points.rows(np.abs(np.arctan2(*points.positions_m.T[::-1])) < view_rad)
+    system = open_system("touchline", RobotSetup(field))
+    system.reset(Prior(truth))
+    assert system.step(frame(0, Observation(0, seen))).pose.distance_to(truth) < 0.3
+    assert system.setup.walks is is_perspective
+
+
 # --- odometry ---------------------------------------------------------------------------------------------------------
 
 

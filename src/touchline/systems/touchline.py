@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, circular_mean, wrap_angles
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import CameraErrors, Response, placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
@@ -47,6 +47,7 @@ from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, Status, as_prior
 
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
+MAX_VIEW_RAD = 2.0  # within which all points lie that a perspective camera sees; a mirror shows lines all round
 YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
 
 
@@ -258,11 +259,14 @@ class Touchline:
         return frame, self.clock.perception(observe, frame, self.detector, self.max_range_m)
 
     def _describe_camera(self, seen: Observation) -> None:
-        """An undescribed camera that at first shows lines, crossings or landmarks, and no line points, is a perspective
-        one: the parts that depend on the camera are opened anew.
+        """An undescribed camera that at first shows lines, crossings or landmarks, and no line points, or points within
+        a sector alone, is a perspective one: the parts that depend on the camera are opened anew.
         """
-        features = len(seen.lines) + len(seen.crossings) + len(seen.landmarks)
-        if self._is_described or self.judged.images or len(seen.points) or not features:
+        features, points = len(seen.lines) + len(seen.crossings) + len(seen.landmarks), len(seen.points)
+        if self._is_described or self.judged.images or not (features or points >= self.settings.min_points):
+            return
+        bearings = np.arctan2(*seen.points.positions_m.T[::-1])
+        if points and np.abs(wrap_angles(bearings - circular_mean(bearings))).max() > 0.5 * MAX_VIEW_RAD:
             return
         best = self.bank.best
         self._open_perspective()
