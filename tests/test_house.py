@@ -8,6 +8,7 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,9 +83,10 @@ def python_files() -> list[Path]:
     return sorted(PACKAGE.rglob("*.py"))
 
 
-def imported_modules(text: str) -> Iterator[tuple[int, str]]:
+@cache
+def imported_modules(text: str) -> list[tuple[int, str]]:
     """(line, module below touchline) of every import of this package, those for type checkers only left out."""
-    tree = ast.parse(text)
+    tree, found = ast.parse(text), []
     for_checkers = {
         id(inner)
         for node in ast.walk(tree)
@@ -106,7 +108,8 @@ def imported_modules(text: str) -> Iterator[tuple[int, str]]:
         for name in names:
             parts = name.split(".")
             if parts[0] == "touchline" and len(parts) > 1:
-                yield node.lineno, ".".join(parts[1:])
+                found.append((node.lineno, ".".join(parts[1:])))
+    return found
 
 
 def room_of(module: str) -> str:
@@ -206,7 +209,7 @@ def test_files_are_read_through_the_ground_floor_alone() -> None:
 
 
 def test_importing_the_package_imports_no_room() -> None:
-    assert list(imported_modules((PACKAGE / "__init__.py").read_text(encoding="utf-8"))) == []
+    assert imported_modules((PACKAGE / "__init__.py").read_text(encoding="utf-8")) == []
 
 
 def too_large(text: str) -> Iterator[str]:
@@ -222,8 +225,8 @@ def too_large(text: str) -> Iterator[str]:
 
 
 def test_no_function_is_long_or_takes_much() -> None:
-    commands = PACKAGE / "cli"  # Typer's options are parameters
-    files = [path for path in python_files() if commands not in path.parents]
+    cli = PACKAGE / "cli"  # Typer's options are parameters
+    files = [path for path in python_files() if cli not in path.parents]
     wrong = {module_of(path): found for path in files if (found := list(too_large(path.read_text(encoding="utf-8"))))}
     assert wrong == {}
 
@@ -360,10 +363,15 @@ def code_in(text: str) -> Iterator[str]:
     yield from re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
 
 
+@cache
+def commands() -> Any:
+    return typer.main.get_command(app)
+
+
 def wrong_command(line: str) -> str | None:
     """What is wrong with a `touchline ...` line: an unknown command or option; None if nothing is."""
     words = shlex.split(line.partition(" > ")[0].partition("#")[0].replace("…", ""))
-    group: Any = typer.main.get_command(app)
+    group = commands()
     rest = words[1:]
     while rest and hasattr(group, "commands"):
         if rest[0] in group.commands:
