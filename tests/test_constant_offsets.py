@@ -9,6 +9,7 @@ import pytest
 
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.constant_offsets import (
+    ACCELERATION,
     AT_FIRST,
     RISK,
     ConstantOffsets,
@@ -86,6 +87,18 @@ def test_a_camera_whose_clock_is_set_while_it_drives_straight_on_is_in_doubt_unt
         arrivals.update(10**8 * (k + 1) + (300_000_000 if k > 1 else 0), odometry)
         offsets.arrive(arrivals, odometry)
         assert ("stamped" in offsets.doubt) == (k > 1), k
+
+
+def test_an_image_stamped_beyond_the_odometry_may_be_of_another_speed() -> None:
+    bounds = []
+    for ahead_s in (0.0, 0.3):
+        arrivals, odometry, offsets = Arrivals(), SampleHistory(columns=3), driven(Pose(0.0, 0.0, 0.0))
+        odometry.append(10**8, [0.0, 0.0, 0.0])
+        arrivals.update(10**8 + round(1e9 * ahead_s), odometry)
+        offsets.arrive(arrivals, odometry)
+        bounds.append(offsets.bound)
+    assert bounds[1][0] >= bounds[0][0] + 0.5 * ACCELERATION[0] * 0.09
+    assert bounds[1][1] >= bounds[0][1] + 0.5 * ACCELERATION[1] * 0.09
 
 
 def test_images_that_are_turned_far_are_in_doubt() -> None:

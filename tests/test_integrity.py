@@ -233,6 +233,30 @@ def test_the_bound_holds_a_clock_that_was_set_until_the_motion_refutes_it() -> N
     assert found.misleading[late].mean() < 0.01
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.3])
+def test_what_was_driven_before_a_clock_was_set_refutes_nothing_of_it(late_s: float) -> None:
+    """A robot that changes its speed, then drives on evenly while its clock is set, then changes it again: only now it
+    shows whether images are stamped late.
+    """
+    history, relation, refuted = MotionHistory(), MotionRelation(), []
+
+    def at(seconds: float) -> FloatArray:
+        speed = (1.0, 0.5, 1.5)
+        spans = np.clip([seconds, seconds - 1.5, seconds - 5.0], 0.0, [1.5, 3.5, np.inf])
+        return np.array([float(spans @ speed), 0.0, 0.0])
+
+    for k in range(80):
+        stamp_ns, seconds = 100_000_000 * (k + 1), 0.1 * (k + 1)
+        history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), at(seconds)[None])))
+        if k == 25:
+            relation.set_clock(0.3)
+        seen = at(seconds - (late_s if k >= 25 else 0.0))
+        relation.update(Sighting(stamp_ns, seen, 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0), history, 0.0, jumped=False)
+        refuted.append(relation.clock_s != 0.0 and relation.refutes_clock)
+    assert not any(refuted[:49])
+    assert any(refuted) is (late_s == 0.0)
+
+
 def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
     drive, coverage = match(), LineCoverage()
     seen = [frame.observation.points.positions_m for frame in drive.frames if frame.observation is not None]

@@ -46,6 +46,7 @@ MAX_VARIANCE_M2 = 1.0  # of a pose by an image that tells where the robot is
 MIN_SPREAD_S, MAX_SPREAD_S = 0.05, 0.3  # of a delay, over which the robot's way when the image was taken is averaged
 COVERED_NS = round(EXTRAPOLATION_S * NANOSECONDS)  # beyond the newest odometry, which still tells it
 BISECTIONS = 10
+ACCELERATION = 3.0, 6.0  # of robots on wheels (m/s², rad/s²): a speed changes by that while nobody tells of it
 
 
 @njit(cache=True, error_model="numpy")
@@ -128,7 +129,7 @@ class ConstantOffsets:
     """How far a pose may be off by errors that fit every image."""
 
     def __init__(self) -> None:
-        self._late_s = self._clock_s = self._lag_s = 0.0
+        self._late_s = self._clock_s = self._lag_s = self._ahead_s = 0.0
         self._clock_set = self._camera_moved = False  # whether images have come otherwise, or turned at once
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
         self.reset()
@@ -230,7 +231,7 @@ class ConstantOffsets:
         """Take how an image has come: where a clock was set it may be stamped later or earlier by that. lag_s: so much
         since one was, as far as it is neither refuted nor corrected: at one speed the filter learns nothing of it.
         """
-        self._clock_s, self._lag_s = abs(arrivals.off_s), lag_s
+        self._clock_s, self._lag_s, self._ahead_s = abs(arrivals.off_s), lag_s, arrivals.ahead_s
         self._newest = odometry.slope(EXTRAPOLATION_S) if len(odometry) else np.zeros(3)
         if arrivals.change_s:  # the pose has followed since
             x, y, turn = self._velocity.tolist()
@@ -263,6 +264,10 @@ class ConstantOffsets:
         position_m = exceeded_by(self._displaced, PossibleError(share, speed * late_s, speed * spread_s))
         heading_rad = exceeded_by(turns, PossibleError(share, rate * late_s, rate * spread_s))
         position_m, heading_rad = max(position_m, self._lag_s * speed), max(heading_rad, self._lag_s * rate)
+        changed = 0.5 * max(self._lag_s, self._ahead_s, self._clock_s) ** 2  # since the newest odometry, or the image
+        position_m, heading_rad = (
+            size + changed * more for size, more in zip((position_m, heading_rad), ACCELERATION, strict=True)
+        )
         return position_m + self._clock_s * speed, heading_rad + self._clock_s * rate
 
     def _weigh(self) -> None:

@@ -368,11 +368,12 @@ class Integrity:
 
     def _clock_lag(self, late_s: float) -> float:
         """By how much images may be stamped wrongly since their clock was set (s), until the motion refutes that."""
-        self.relation.clock_s += self.arrivals.change_s
+        if self.arrivals.change_s:
+            self.relation.set_clock(self.arrivals.change_s)
         lag_s = self.relation.clock_s
         if abs(lag_s - late_s) < CLOCK_S:
             return 0.0
-        if lag_s and self.relation.refutes_lag(lag_s):
+        if lag_s and self.relation.refutes_clock:
             self.relation.clock_s = 0.0
         return abs(self.relation.clock_s) + CLOCK_S * (self.relation.clock_s != 0.0)
 

@@ -307,6 +307,7 @@ class MotionRelation:
         self._delay_loss = 0.0  # of late, by a delay that is corrected
         self._alarmed: tuple[int, float] | None = None  # explanation and parameter
         self.clock_s = 0.0  # by how much later images are stamped since they come otherwise
+        self._since_clock = 0  # steps since then
 
     @property
     def _steps(self) -> _Steps:
@@ -392,6 +393,7 @@ class MotionRelation:
             self._delay_loss = max(self._delay_loss + late - raw, 0.0)
         self._unbroken += 1
         self._since_alarm += 1
+        self._since_clock += 1
         kept = slice(-WINDOW + 1, None)
         self._spans_ns = [*self._spans_ns[kept], span_ns]
         seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
@@ -473,11 +475,24 @@ class MotionRelation:
         """Take a fault to last until the motion refutes it."""
         self._alarmed, self._since_alarm = (index, parameter), 0
 
+    def set_clock(self, change_s: float) -> None:
+        """Images come stamped later by so much from now on."""
+        self.clock_s += change_s
+        self._since_clock = -1  # the step under way is of both clocks
+
     def refutes_lag(self, late_s: float) -> bool:
         """Whether the newest steps would not agree if images were stamped so late: the robot has changed its speed."""
+        return self._refutes(late_s, 0)
+
+    @property
+    def refutes_clock(self) -> bool:
+        """Whether the steps since the clock was set would not agree if it were the camera's."""
+        return self._refutes(self.clock_s, max(len(self._spans_ns) - max(self._since_clock, 0), 0))
+
+    def _refutes(self, late_s: float, first: int) -> bool:
         index = FIRST_LAG + int(np.argmin(np.abs(LAGS_S - late_s)))
         self._fill_lags()
-        return float(saved(self._steps, _MULTIPLIERS, index, 0.0, 0)) < -REFUTED
+        return float(saved(self._steps, _MULTIPLIERS, index, 0.0, first)) < -REFUTED
 
     def blame(self) -> Explanation:
         """What explains the contradiction, as far as anything does; until `agrees` it is taken to last."""

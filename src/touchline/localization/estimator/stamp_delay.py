@@ -77,7 +77,7 @@ class StampDelay:
 class Arrivals:
     """Whether images are stamped as long after the odometry that comes with them as usual; if not, a clock was set, or
     runs otherwise. `off_s`: by how much the newest image is; `change_s`: with this image, what has lasted and is usual
-    from now on.
+    from now on; `ahead_s`: by which its stamp is beyond the newest odometry.
     """
 
     def __init__(self) -> None:
@@ -86,6 +86,7 @@ class Arrivals:
     def reset(self) -> None:
         """Nothing is usual yet."""
         self.off_s, self.change_s, self._usual_s, self._newest_ns = 0.0, 0.0, math.nan, 0
+        self.ahead_s = 0.0
         self._changes_s: list[float] = []
 
     def update(self, stamp_ns: int, odometry: SampleHistory) -> None:
@@ -95,6 +96,7 @@ class Arrivals:
             return
         self._newest_ns = odometry.last_ns
         ahead_s = (stamp_ns - odometry.last_ns) / NANOSECONDS
+        self.ahead_s = max(ahead_s, 0.0)
         if math.isnan(self._usual_s):
             self._usual_s = ahead_s if abs(ahead_s) < USUAL_AHEAD_S else 0.0
         self.off_s = ahead_s - self._usual_s
