@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -26,14 +27,15 @@ _PAINT, _CARPET = 0.5, 0.35  # whiteness of what is paint, and of what is not
 class Tally(NamedTuple):
     """How many were found and right, found at all, there, and of those found."""
 
-    right: int
-    found: int
-    there: int
-    recalled: int
+    right: int = 0
+    found: int = 0
+    there: int = 0
+    recalled: int = 0
 
-    def plus(self, other: Tally) -> Tally:
-        """The sum of two."""
-        return Tally(*(a + b for a, b in zip(self, other, strict=True)))
+    @classmethod
+    def total(cls, tallies: Iterable[Tally]) -> Tally:
+        """Their sum."""
+        return cls(*map(sum, zip(*tallies, strict=True)))
 
     @property
     def precision(self) -> float:

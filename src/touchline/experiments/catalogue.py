@@ -213,7 +213,7 @@ _HEAP, _FAR_HEAP = blob(1.0, 4.0), blob(20.0, 20.0)
 Rows: TypeAlias = Sequence[tuple[str, str, Change, Lasts]]
 """Family, name, change, how long."""
 _OF_ALL: Rows = (
-    ("", "none", injections.no_change, ALWAYS),
+    ("", "none", injections.both(), ALWAYS),
     ("odometry", "odometry turns the wrong way", odometry((1.0, 1.0, -1.0)), ALWAYS),
     ("odometry", "odometry goes the wrong way", odometry((-1.0, 1.0, 1.0)), ALWAYS),
     ("odometry", "odometry has all signs wrong", odometry((-1.0, -1.0, -1.0)), ALWAYS),

@@ -233,19 +233,16 @@ def one_line(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
         return np.asarray(distances_to_segment(placed, segment) < NEAR_LINE_M)
 
     most = max(drive.field.segments, key=lambda segment: np.count_nonzero(on_line(drive.frames[first], segment)))
-
-    def lone(frame: Frame, seen: Observation) -> Observation:
-        return Observation(frame.stamp_ns, seen.points.rows(on_line(frame, most)))
-
-    return seen_as(drive, lone, wrong)
+    return seen_as(
+        drive, lambda frame, seen: Observation(frame.stamp_ns, seen.points.rows(on_line(frame, most))), wrong
+    )
 
 
 def distances_to_segment(points: FloatArray, segment: FloatArray) -> FloatArray:
     """(N,) distances of points (N, 2) from a segment (x1, y1, x2, y2)."""
     start, along = segment[:2], segment[2:4] - segment[:2]
     share = np.clip((points - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    found: FloatArray = np.hypot(*(points - start - share[:, None] * along).T)
-    return found
+    return np.hypot(*(points - start - share[:, None] * along).T)
 
 
 # --- features that are none -------------------------------------------------------------------------------------------

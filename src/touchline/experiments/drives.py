@@ -109,8 +109,7 @@ class Track:
     @property
     def distances_m(self) -> FloatArray:
         """(N,) from the truth."""
-        distances: FloatArray = np.hypot(*(self.poses - self.truth)[:, :2].T)
-        return distances
+        return np.hypot(*(self.poses - self.truth)[:, :2].T)
 
     @property
     def turns_rad(self) -> FloatArray:
@@ -172,6 +171,12 @@ class Track:
             return error_table(Samples(stamps, self.poses), Samples(stamps, self.truth), located=located)
         except NothingToCompareError:
             return None
+
+
+def error_figures(tables: Sequence[ErrorTable | None], name: str, key: str) -> tuple[list[float], int]:
+    """One figure of error tables, in cm or rad, and the decimals that it is printed with; of those that are known."""
+    scale, decimals = (1.0, 4) if name == "heading" else (100.0, 2)
+    return [scale * float(getattr(getattr(table, name), key)) for table in tables if table is not None], decimals
 
 
 def track_of(drive: Drive, estimates: Sequence[Estimate]) -> Track:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from touchline.experiments.catalogue import ALWAYS, CATALOGUE, FEATURES, MIRROR, PASSING, SHORT, Kind, driven_by
-from touchline.experiments.drives import Drive, estimates_of
+from touchline.experiments.drives import estimates_of
 from touchline.experiments.faults import FIRST_SEED, OWN, Score, bounds_figure, frames_of, misleading
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed, wilson
 from touchline.experiments.injections import Fault
@@ -57,18 +57,12 @@ def faults_of(robots: str, seconds: float, rng: np.random.Generator) -> list[tup
     return drawn
 
 
-def with_faults(drive: Drive, faults: Sequence[tuple[Kind, Fault]], number: int, seed: int) -> Drive:
-    """A drive with all of them in it; those of the clock come last: the others need its times."""
-    for kind, fault in sorted(faults, key=lambda each: each[0].family == "clock"):
-        drive = fault.laid_into(drive, kind.rng(number, seed + 1))
-    return drive
-
-
 def played(robots: str, number: int, seed: int, seconds: float) -> Played:
     """One robot's play."""
-    clean = driven_by(robots, number, seed, seconds)
+    clean = drive = driven_by(robots, number, seed, seconds)
     faults = faults_of(robots, seconds, np.random.default_rng([seed, number, 26]))
-    drive = with_faults(clean, faults, number, seed)
+    for kind, fault in sorted(faults, key=lambda each: each[0].family == "clock"):  # it last: the others need its times
+        drive = fault.laid_into(drive, kind.rng(number, seed + 1))
     found, times_s = frames_of(drive, estimates_of(OWN, drive, seed)), clean.times_s
     period_s = float(np.median(np.diff(times_s)))
     lasting = [(times_s >= fault.start_s) & (times_s < fault.end_s) for _, fault in faults]

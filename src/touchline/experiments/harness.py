@@ -183,6 +183,11 @@ def percent(values: Sequence[float] | FloatArray) -> str:
     return f"{spread(100.0 * shares, 1)} %" if len(shares) else NONE
 
 
+def share_text(share: float) -> str:
+    """One share in per cent; a dash for NaN."""
+    return NONE if np.isnan(share) else f"{100.0 * share:.1f} %"
+
+
 def interval(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
     """Mean over robots and, in brackets, where it lies with 95 %: by bootstrap, robots drawn anew with replacement."""
     if len(values) < 2:

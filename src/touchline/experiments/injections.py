@@ -100,11 +100,6 @@ def negated(log: Samples) -> Samples:
     return Samples(log.stamp_ns, -log.values)
 
 
-def no_change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
-    """Nothing is wrong."""
-    return drive
-
-
 # --- odometry, and the measuring wheels with it -----------------------------------------------------------------------
 
 
@@ -138,11 +133,9 @@ def with_steps(drive: Drive, edit: Edit) -> Drive:
 
 def with_rolling(drive: Drive, edit: Edit) -> Drive:
     """A drive whose measuring wheels roll otherwise up to each sample (N, 2), the first of which is none."""
-
-    def sums_of(times_s: FloatArray, sums: FloatArray) -> FloatArray:
-        return np.asarray(sums[0] + np.cumsum(edit(times_s, np.diff(sums, axis=0, prepend=sums[:1])), axis=0))
-
-    return with_samples(drive, "wheels", sums_of)
+    return with_samples(
+        drive, "wheels", lambda at_s, sums: sums[0] + np.cumsum(edit(at_s, np.diff(sums, axis=0, prepend=sums[:1])), 0)
+    )
 
 
 def _turned(vectors: FloatArray, angles_rad: FloatArray) -> FloatArray:
@@ -378,14 +371,12 @@ def fallen(drive: Drive, times_s: tuple[float, ...], rng: Random, lying: Change 
 
 def falls(count: int, apart_s: float, seen: Change) -> Change:
     """So many falls. seen: what the robot sees while it lies, as its attitude says."""
-
-    def lying(log: Samples) -> Samples:
-        return Samples(log.stamp_ns, np.tile([0.0, LYING_RAD], (len(log), 1)))
+    lying = logged(lambda log: Samples(log.stamp_ns, np.tile([0.0, LYING_RAD], (len(log), 1))), "tilt")
 
     def change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
         start_s = float(drive.times_s[int(np.argmax(wrong))])
         times_s = tuple(start_s + apart_s * k for k in range(count))
-        return fallen(drive, times_s, rng, both(seen, logged(lying, "tilt")))
+        return fallen(drive, times_s, rng, both(seen, lying))
 
     return change
 
@@ -413,11 +404,11 @@ def similar(turn_rad: float = 0.0, scale: float = 1.0, flipped: bool = False, ra
 
     def change(drive: Drive, wrong: BoolArray, rng: Random) -> Drive:
         start_s = drive.times_s[int(np.argmax(wrong))]
-
-        def changed(frame: Frame, seen: Observation) -> Observation:
-            return turned(seen, turn_rad + rate_rad_s * (frame.stamp_ns / 1e9 - start_s), scale, flipped)
-
-        return seen_as(drive, changed, wrong)
+        return seen_as(
+            drive,
+            lambda frame, seen: turned(seen, turn_rad + rate_rad_s * (frame.stamp_ns / 1e9 - start_s), scale, flipped),
+            wrong,
+        )
 
     return change
 
@@ -483,13 +474,11 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
         fy=(1.0 + longer) * camera.fy,
         base_from_camera=Pose3(mount.rotation, eye + np.array([0.0, 0.0, higher_m])),
     )
-
-    errors = camera_errors(camera)
-
-    def as_assumed(frame: Frame, seen: Observation) -> Observation:
-        return _on_ground(seen, partial(placed_points, errors=shared, response=errors.response(frame)))
-
-    return replace(seen_as(drive, as_assumed), setup=replace(drive.setup, camera=assumed, height_m=None))
+    response = camera_errors(camera).response
+    misplaced = seen_as(
+        drive, lambda frame, seen: _on_ground(seen, partial(placed_points, errors=shared, response=response(frame)))
+    )
+    return replace(misplaced, setup=replace(drive.setup, camera=assumed, height_m=None))
 
 
 def _on_ground(seen: Observation, moved: Callable[[FloatArray], FloatArray]) -> Observation:

@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, leaning
 from touchline.evaluation.feature_truth import Tally, TrueFeatures
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, spread
+from touchline.experiments.clutter import distances_to_segment
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, share_text, spread
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray, Pose
 from touchline.motion import LeanFilter
@@ -176,7 +177,8 @@ def score(run: Simulation, seen: Observation, truth: Truth) -> tuple[Tally, Tall
             (rays[..., 1:] / rays[..., :1])
             for rays in (to_plane(truth.places), to_plane(seen.lines.pixels.reshape(-1, 2)))
         )
-        near = _to_lines(places, ends.reshape(-1, 2, 2)) * camera.design.fx <= _NEAR_PX
+        away = [distances_to_segment(places, line) for line in ends.reshape(-1, 4)]
+        near = np.min(away, axis=0, initial=np.inf) * camera.design.fx <= _NEAR_PX
     size = 2 * int(_NEAR_PX) + 1
     wide = cv2.dilate(truth.paint, np.ones((size, size), np.uint8))
     u, v = np.rint(seen.points.pixels).astype(int).T
@@ -189,18 +191,7 @@ def _to_points(places: FloatArray, points: FloatArray) -> FloatArray:
     """Distance (N,) of each place (N, 2) from the nearest of points (M, 2)."""
     if not len(points):
         return np.full(len(places), np.inf)
-    distances: FloatArray = np.hypot(*np.moveaxis(places[:, np.newaxis] - points, -1, 0)).min(axis=1)
-    return distances
-
-
-def _to_lines(places: FloatArray, ends: FloatArray) -> FloatArray:
-    """Distance (N,) of each place (N, 2) from the nearest of lines (L, 2, 2)."""
-    nearest = np.full(len(places), np.inf)
-    for start, end in ends:
-        along = end - start
-        share = np.clip((places - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-        nearest = np.minimum(nearest, np.hypot(*(places - start - share[:, np.newaxis] * along).T))
-    return nearest
+    return np.hypot(*np.moveaxis(places[:, np.newaxis] - points, -1, 0)).min(axis=1)
 
 
 def _tallies(run: Simulation, seen: Observation, truth: Truth, frame: Frame, pose: Pose) -> dict[str, Tally]:
@@ -233,29 +224,28 @@ def _of_run(run: Simulation, cloud: bool) -> Found:
     system = open_system("touchline", setup, None, np.random.default_rng(0))
     assert isinstance(system, Touchline)
     system.reset(Prior(pose=run.track.pose_at(0.0)))
-    lines = outer = _NOTHING
-    others: dict[str, Tally] = dict.fromkeys(KINDS, _NOTHING)
+    scores: list[tuple[Tally, Tally]] = []
+    tallies: list[dict[str, Tally]] = []
     boundary_px, errors_m, tracked, leaning_filter = [], [], 0, LeanFilter()
     for index, (frame, truth) in enumerate(images(run, cloud)):
         pose = run.truth[index]
         seen = observe(leaning_filter.at_image(frame), system.detector, setup.max_range_m)
         estimate = system.step(replace(frame, image=None, observation=seen))
-        for_lines, for_outer = score(run, seen, truth)
-        lines, outer = lines.plus(for_lines), outer.plus(for_outer)
+        scores.append(score(run, seen, truth))
         if estimate.status == Status.TRACKING:
             tracked += 1
             errors_m.append(estimate.pose.distance_to(pose))
         if run.camera_kind == "omni":
             continue
-        tallies = _tallies(run, seen, truth, frame, pose)
-        others = {kind: others[kind].plus(tallies[kind]) for kind in KINDS}
+        tallies.append(_tallies(run, seen, truth, frame, pose))
         true = TrueFeatures(run.field, pose, _view(run, frame), truth.paint)
         off = true.boundary_error_px(seen.boundary.pixels)
         boundary_px += np.abs(off[np.isfinite(off)]).tolist()
+    lines, outer = map(Tally.total, zip(*scores, strict=True))
+    others = {kind: Tally.total(each[kind] for each in tallies) for kind in KINDS}
     return Found(lines, outer, others, boundary_px, errors_m, tracked / max(len(run), 1))
 
 
-_NOTHING = Tally(0, 0, 0, 0)
 COLUMNS = (
     "camera", "light", "lines: recall", "of that under lamps", "lines: precision", "touch and goal lines: recall",
     *(f"{kind}: precision, recall" for kind in KINDS), "boundary (px)", "pose error (cm)", "of that under lamps ",
@@ -276,35 +266,23 @@ _NOTE = (
 
 
 def _sum(robots: Sequence[Found]) -> Tally:
-    total = _NOTHING
-    for each in robots:
-        total = total.plus(each.lines)
-    return total
+    return Tally.total(each.lines for each in robots)
 
 
 def _row(camera: str, name: str, found: Mapping[tuple[str, str], Sequence[Found]]) -> Row:
     robots, lamps = found[name, camera], found["lamps", camera]
-    outer, errors, usual = _NOTHING, *([np.mean(r.errors_m) for r in some if r.errors_m] for some in (robots, lamps))
-    for each in robots:
-        outer = outer.plus(each.outer)
-    cells = []
-    for kind in KINDS:
-        total = _NOTHING
-        for each in robots:
-            total = total.plus(each.others[kind])
-        cells.append(f"{_percent(total.precision)}, {_percent(total.recall)}")
+    lines, outer = _sum(robots), Tally.total(each.outer for each in robots)
+    errors, usual = ([np.mean(r.errors_m) for r in some if r.errors_m] for some in (robots, lamps))
+    others = [Tally.total(each.others[kind] for each in robots) for kind in KINDS]
+    cells = [f"{share_text(total.precision)}, {share_text(total.recall)}" for total in others]
     boundary = [px for each in robots for px in each.boundary_px]
-    recall = _sum(robots).recall
     return (
-        camera, name, _percent(recall), _percent(recall / _sum(lamps).recall), _percent(_sum(robots).precision),
-        _percent(outer.recall), *cells, f"{np.mean(boundary):.1f}" if boundary else NONE,
+        camera, name, share_text(lines.recall), share_text(lines.recall / _sum(lamps).recall),
+        share_text(lines.precision), share_text(outer.recall), *cells,
+        f"{np.mean(boundary):.1f}" if boundary else NONE,
         spread(100.0 * np.array(errors)), f"{np.mean(errors) / np.mean(usual):.2f}" if errors and usual else NONE,
-        _percent(float(np.mean([each.tracked for each in robots]))),
+        share_text(float(np.mean([each.tracked for each in robots]))),
     )  # fmt: skip
-
-
-def _percent(ratio: float) -> str:
-    return NONE if np.isnan(ratio) else f"{100.0 * ratio:.1f} %"
 
 
 def light(seeds: int) -> ExperimentResult:

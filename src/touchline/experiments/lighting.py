@@ -15,7 +15,7 @@ from touchline.camera.exposure import ExposureControl, ExposureSettings, mirror_
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.evaluation.metrics import ErrorTable
-from touchline.experiments.drives import Track, drive_of, track_of
+from touchline.experiments.drives import Track, drive_of, error_figures, track_of
 from touchline.experiments.harness import (
     NONE,
     ExperimentResult,
@@ -336,9 +336,7 @@ def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
 
 
 def _figure(runs: Sequence[Run], name: str, key: str) -> str:
-    tables = [run.errors for run in runs if run.errors is not None]
-    scale, decimals = (1.0, 4) if name == "heading" else (100.0, 2)
-    return spread([scale * getattr(getattr(t, name), key) for t in tables], decimals)
+    return spread(*error_figures([run.errors for run in runs], name, key))
 
 
 def _tracked(runs: Sequence[Run]) -> str:

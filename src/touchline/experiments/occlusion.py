@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
 from touchline.camera import Camera, require_omni
 from touchline.evaluation.metrics import ErrorTable
-from touchline.experiments.drives import BoolArray, Drive, Track, drive_of, followed, track_of
+from touchline.experiments.drives import BoolArray, Drive, Track, drive_of, error_figures, followed, track_of
 from touchline.experiments.harness import (
     NONE,
     ExperimentResult,
@@ -173,6 +173,8 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
     recorded = _recorded(min(seeds, RECORDED_SEEDS))
     shown = CONDITIONS[:4]
     head = calibrated_head(_taken(CONDITIONS[0], 0, False)[1])
+    simulation, image = rendered_image()
+    black = [(c.name, black_pixels(simulation.camera, c.sectors)) for c in shown[1:]]
     return ExperimentResult(
         "Table 1 of Lu et al. 2013: errors with 0 to 50 % of the view hidden",
         COLUMNS,
@@ -183,19 +185,12 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
                  f"ideal {_range_of(runs, IDEAL)}"),
         (_SIMULATED, _STRIP, _ALONE, _RECORDED if recorded else _NOT_FOUND),
         (
-            ("figure2", calibration_figure(*head)),
-            ("figures-4-7", _pictures_figure()),
+            ("figure2", image_figure([mirror_picture(*head, head[0].sightings[0])], (3 * SIDE_IN, SIDE_IN + 0.2))[0]),
+            ("figures-4-7", detection_figure(simulation, image, [("free", None), *black])),
             ("figure5", distances_figure()),
             ("tracks", _tracks_figure([runs[c.name, OURS][0] for c in shown], [c.name for c in shown])),
         ),
     )  # fmt: skip
-
-
-def _pictures_figure() -> Figure:
-    """Figures 4 and 7: an image and the points found in it, free and with its black sectors."""
-    simulation, image = rendered_image()
-    shown = [("free", None), *((c.name, black_pixels(simulation.camera, c.sectors)) for c in CONDITIONS[1:4])]
-    return detection_figure(simulation, image, shown)
 
 
 def _all_runs(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> Runs:
@@ -338,10 +333,7 @@ def _median_longest(times_s: Sequence[float]) -> str:
 
 
 def _figures(runs: Sequence[Run], name: str, key: str) -> tuple[list[float], int]:
-    """One figure of the error tables, in cm or rad, of each run, and the decimals that it is printed with."""
-    scale, decimals = (1.0, 4) if name == "heading" else (100.0, 2)
-    figures = [scale * float(getattr(getattr(run.errors, name), key)) for run in runs if run.errors is not None]
-    return figures, decimals
+    return error_figures([run.errors for run in runs], name, key)
 
 
 def _tracks_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
@@ -372,12 +364,6 @@ def calibrated_head(simulation: Simulation) -> tuple[MirrorCalibration, ImageArr
         image = recording.image(calibration.sightings[0].index)
     assert image is not None
     return calibration, image
-
-
-def calibration_figure(calibration: MirrorCalibration, image: ImageArray) -> Figure:
-    """Figure 2: the edges found in one image, the distance map, and the image laid out in metres."""
-    picture = mirror_picture(calibration, image, calibration.sightings[0])
-    return image_figure([picture], (3 * SIDE_IN, SIDE_IN + 0.2))[0]
 
 
 def distances_figure() -> Figure:

@@ -132,19 +132,13 @@ def errors_of(track: Track) -> Errors:
 
 def robot_of(condition: Condition, seed: int) -> Drive:
     """A robot's drive under a condition."""
-    if condition.light is not None:
-        return _lit(condition.light, seed)
+    if condition.light is not None:  # a rendered hall, the exposure kept right all along
+        run = lighting.simulation(condition.light, seed, LIT_SECONDS)
+        return drive_of(run, frames=[frame for frame, _ in lighting.controlled(run)])
     drive = driven(condition.scenario, seed, SECONDS, *condition.changes)
     for number, fault in enumerate(condition.faults):
         drive = fault.laid_into(drive, np.random.default_rng([seed, number]))
     return drive
-
-
-def _lit(case: lighting.Case, seed: int) -> Drive:
-    """A drive through a rendered hall, the exposure kept right all along."""
-    run = lighting.simulation(case, seed, LIT_SECONDS)
-    frames = [frame for frame, _ in lighting.controlled(run)]
-    return drive_of(run, frames=frames)
 
 
 def _errors_at(task: tuple[int, int]) -> dict[tuple[str, str], Errors]:

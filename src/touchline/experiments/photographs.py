@@ -7,7 +7,6 @@ frames of humanoid competitions, which nobody calibrated. Overlays go to the run
 import csv
 import json
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 from touchline.camera import Camera, GroundView, OmniCamera, PinholeCamera, open_camera
 from touchline.errors import NoFitError
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, rate
-from touchline.experiments.scenes import DATA_VARIABLE, image_figure
+from touchline.experiments.scenes import DATA_VARIABLE, image_figure, public_data
 from touchline.field import FieldModel, open_field
 from touchline.files.images import read_image
 from touchline.files.opened import read_text
@@ -73,7 +72,7 @@ def photographs(seeds: int) -> ExperimentResult:
     del seeds
     seen, missing = list[Seen](), list[str]()
     for name, read in follow(list(GROUPS.items()), "groups of photographs"):
-        folder = _folder(name)
+        folder = public_data(f"real/{name}")
         if folder is None:
             missing.append(name)
         else:
@@ -149,8 +148,7 @@ def aside(points: FloatArray, line: FloatArray) -> FloatArray:
     """Distances (N,) of points (N, 2) from the straight line through both ends (2, 2)."""
     along = (line[1] - line[0]) / np.hypot(*(line[1] - line[0]))
     offset = points - line[0]
-    distances: FloatArray = np.abs(offset[:, 0] * along[1] - offset[:, 1] * along[0])
-    return distances
+    return np.abs(offset[:, 0] * along[1] - offset[:, 1] * along[0])
 
 
 def _row(one: Seen) -> Row:
@@ -158,13 +156,6 @@ def _row(one: Seen) -> Row:
     off = (f"{100.0 * one.off_m:.1f}", f"{math.degrees(one.off_rad):.1f}") if math.isfinite(one.off_m) else (NONE, NONE)
     photograph = one.photograph
     return (photograph.name, photograph.licence, found, str(len(one.observation.points)), one.said or NONE, *off)
-
-
-def _folder(name: str) -> Path | None:
-    for folder in (os.environ.get(DATA_VARIABLE), "../shared/data"):
-        if folder is not None and (Path(folder) / "real" / name).is_dir():
-            return Path(folder) / "real" / name
-    return None
 
 
 _NO_LINES, _NO_MARKS = np.zeros((0, 2, 2)), np.zeros((0, 2))

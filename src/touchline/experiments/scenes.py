@@ -49,12 +49,16 @@ def points_from(place: Pose, seed: int, ideal: bool = False) -> LinePoints:
     return Simulation(scenario.model_copy(update={"motion": motion}), level="points").points(0)
 
 
+def public_data(name: str) -> Path | None:
+    """A path in the folder that TOUCHLINE_DATA names, or in ../shared/data; None where it is not found."""
+    paths = [Path(folder) / name for folder in (os.environ.get(DATA_VARIABLE), "../shared/data") if folder is not None]
+    return next((path for path in paths if path.exists()), None)
+
+
 def public_recording(name: str) -> Recording | None:
-    """A public recording: in the folder that TOUCHLINE_DATA names, or in ../shared/data; None where it is not found."""
-    for folder in (os.environ.get(DATA_VARIABLE), "../shared/data"):
-        if folder is not None and (Path(folder) / name / "sequence.yaml").is_file():
-            return open_source(Path(folder) / name)
-    return None
+    """A public recording; None where it is not found."""
+    described = public_data(f"{name}/sequence.yaml")
+    return None if described is None else open_source(described.parent)
 
 
 def random_place(field: FieldModel, rng: np.random.Generator, margin_m: float = 0.0) -> Pose:

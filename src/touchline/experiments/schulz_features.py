@@ -2,15 +2,15 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, ground_view
 from touchline.evaluation.feature_truth import Tally, TrueFeatures
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, share_text, together
 from touchline.experiments.scenes import (
     BLUE,
     INK,
@@ -39,7 +39,6 @@ CROSSINGS_M, LINES_M, LANDMARKS_M = 3.0, 5.0, 5.0
 _PLACES, _SECONDS = 2, 2.0  # per seed, and of each walk there
 VARIANTS = {"ours": system_settings().line_graph, "paper": system_settings(PAPER).line_graph}
 LANDMARKS = {"post": "posts", "pole": "poles", "penalty_mark": "penalty marks"}
-_NOTHING = Tally(0, 0, 0, 0)
 _FIGURE_1 = ("colour classes", "skeleton", "line structure graph", "key nodes")
 
 
@@ -56,15 +55,11 @@ class FeatureScores:
     boundary_px: list[float] = field(default_factory=list)
     time_ms: list[float] = field(default_factory=list)
 
-    def add(self, tallies: Mapping[str, Tally]) -> None:
-        """Count more."""
-        self.tallies = {name: self.tallies.get(name, _NOTHING).plus(tally) for name, tally in tallies.items()}
-
 
 def measure(source: Recording | Simulation, settings: LineGraphSettings | None = None) -> FeatureScores:
     """What a detector finds in the images of a source, against its truth."""
     detector = LineGraphDetector(source.camera, settings or LineGraphSettings(), source.field)
-    scores, leaning = FeatureScores(), LeanFilter()
+    scores, leaning, tallies = FeatureScores(), LeanFilter(), list[dict[str, Tally]]()
     for index, late, truth in _frames(source):
         frame = leaning.at_image(late)
         learning, start = detector.colours.is_learning, time.thread_time()
@@ -79,7 +74,7 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
         true = TrueFeatures(source.field, truth, _view(frame, source), whiteness)
         crossings = true.tally_crossings(seen.crossings, CROSSINGS_M)
         landmarks = true.tally_landmarks(seen.landmarks, LANDMARKS_M)
-        scores.add(
+        tallies.append(
             {f"{kind} crossings": crossings[kind] for kind in ("L", "T", "X", "all")}
             | {"lines": true.tally_lines(seen.lines, LINES_M)}
             | {name: landmarks[kind] for kind, name in LANDMARKS.items()}
@@ -87,13 +82,14 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
         scores.landmarks_m += true.landmark_errors_m(seen.landmarks)
         errors = true.boundary_error_px(seen.boundary.pixels)
         scores.boundary_px += errors[np.isfinite(errors)].tolist()
+    scores.tallies = {name: Tally.total(each) for name, each in together(tallies).items()}
     return scores
 
 
 def table(name: str, scores: FeatureScores) -> list[Row]:
     """Rows of a source: what, precision, recall, how many there are and were found."""
     rows: list[Row] = [
-        (name, label, _percent(tally.precision), _percent(tally.recall), str(tally.there), str(tally.found))
+        (name, label, share_text(tally.precision), share_text(tally.recall), str(tally.there), str(tally.found))
         for label, tally in scores.tallies.items()
         if tally.there or tally.found
     ]
@@ -114,16 +110,13 @@ def schulz_features(seeds: int) -> ExperimentResult:
     walks = [(name, number) for number in range(seeds * _PLACES) for name in FIELDS]
     runs: list[tuple[str, str, int | None]] = [(field_name, "ours", seed) for field_name, seed in walks]
     runs += [(name, variant, None) for name in RECORDINGS if public_recording(name) for variant in VARIANTS]
-    scores: dict[str, FeatureScores] = {}
-    for name, variant, seed in follow(runs, "runs of images"):
-        found = measure(_source(name, seed), VARIANTS[variant])
-        label = f"{name}, rendered" if seed is not None else f"{name}, {variant}"
-        scores[label] = _together(scores[label], found) if label in scores else found
+    measured = together(
+        {f"{name}, {variant if seed is None else 'rendered'}": measure(_source(name, seed), VARIANTS[variant])}
+        for name, variant, seed in follow(runs, "runs of images")
+    )
+    scores = {name: _sum(each) for name, each in measured.items()}
     rows = [row for name, each in scores.items() for row in table(name, each)]
-    ours = [each for name, each in scores.items() if not name.endswith("paper")]
-    total = _NOTHING
-    for each in ours:
-        total = total.plus(each.tallies["all crossings"])
+    total = Tally.total(each.tallies["all crossings"] for name, each in scores.items() if not name.endswith("paper"))
     return ExperimentResult(
         "Features of the line graph (Schulz and Behnke 2012, sections 3 and 4) against the projected truth",
         ("images of", "feature", "precision", "recall", "there", "found"),
@@ -131,7 +124,7 @@ def schulz_features(seeds: int) -> ExperimentResult:
         Headline(
             f"crossings within {CROSSINGS_M:g} m: precision, recall",
             "not given",
-            f"{_percent(total.precision)}, {_percent(total.recall)}",
+            f"{share_text(total.precision)}, {share_text(total.recall)}",
         ),
         (
             f"Crossings within {CROSSINGS_M:g} m, matched within 0.25 m and by kind; one counts as there where the "
@@ -198,16 +191,10 @@ def _source(name: str, seed: int | None) -> Recording | Simulation:
     return recording
 
 
-def _together(one: FeatureScores, other: FeatureScores) -> FeatureScores:
-    """Sums of both."""
-    both = replace(
-        one,
-        landmarks_m=one.landmarks_m + other.landmarks_m,
-        boundary_px=one.boundary_px + other.boundary_px,
-        time_ms=one.time_ms + other.time_ms,
-    )
-    both.add(other.tallies)
-    return both
+def _sum(runs: Sequence[FeatureScores]) -> FeatureScores:
+    tallies = {name: Tally.total(each) for name, each in together(run.tallies for run in runs).items()}
+    lists = ([x for run in runs for x in getattr(run, part)] for part in ("landmarks_m", "boundary_px", "time_ms"))
+    return FeatureScores(tallies, *lists)
 
 
 def _frames(source: Recording | Simulation) -> Iterator[tuple[int, Frame, Pose]]:
@@ -221,15 +208,10 @@ def _paint(run: Simulation, index: int) -> FloatArray:
     """(H, W) where the renderer has paint: twice its share of a pixel's light, which is 1 or more on lines."""
     time_s = float(run.image_times_s[index])
     pose, attitude = run.track.pose_at(time_s), run.track.attitude_at(time_s)
-    ratio: FloatArray = 2.0 * run.camera_model.paint_ratio(run.world, run.state(time_s), pose, attitude)[1]
-    return ratio
+    return 2.0 * run.camera_model.paint_ratio(run.world, run.state(time_s), pose, attitude)[1]
 
 
 def _view(frame: Frame, source: Recording | Simulation) -> GroundView:
     if frame.base_from_camera is not None or frame.tilt is None or not len(frame.tilt):
         return GroundView(source.camera, frame.base_from_camera)
     return ground_view(source.camera, None, *map(float, frame.tilt.values[-1]))
-
-
-def _percent(share: float) -> str:
-    return NONE if np.isnan(share) else f"{100.0 * share:.1f} %"

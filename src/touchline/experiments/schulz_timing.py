@@ -4,6 +4,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -127,24 +128,21 @@ def _watched(spent: defaultdict[str, float]) -> Iterator[None]:
     """Within it, the parts of the detector add to `spent` (µs) what they take."""
     places = [(module, name, part) for part, names in PARTS.items() for module, name in names]
     before = [getattr(module, name) for module, name, _ in places]
-    for (module, name, part), function in zip(places, before, strict=True):
-        setattr(module, name, _watching(function, spent, part))
-    try:
-        yield
-    finally:
-        for (module, name, _), function in zip(places, before, strict=True):
-            setattr(module, name, function)
 
-
-# the thread's clock, for nothing here runs in another: a process's may go on in steps of 4 ms
-def _watching(function: Callable[..., Any], spent: defaultdict[str, float], part: str) -> Callable[..., Any]:
-    def watched(*given: Any, **named: Any) -> Any:
+    # the thread's clock, for nothing here runs in another: a process's may go on in steps of 4 ms
+    def watched(function: Callable[..., Any], part: str, *given: Any, **named: Any) -> Any:
         began = time.thread_time_ns()
         result = function(*given, **named)
         spent[part] += (time.thread_time_ns() - began) / 1e3
         return result
 
-    return watched
+    for (module, name, part), function in zip(places, before, strict=True):
+        setattr(module, name, partial(watched, function, part))
+    try:
+        yield
+    finally:
+        for (module, name, _), function in zip(places, before, strict=True):
+            setattr(module, name, function)
 
 
 def _images() -> Images:
