@@ -121,8 +121,7 @@ def deviation_rad(covariance: FloatArray) -> float:
 
 def mirrored_covariance(covariance: FloatArray) -> FloatArray:
     """Covariance (3, 3) of x, y, heading of the mirrored pose: turned by half a turn."""
-    mirrored: FloatArray = covariance * _HALF_TURN
-    return mirrored
+    return covariance * _HALF_TURN
 
 
 @dataclass(frozen=True, eq=False, slots=True)

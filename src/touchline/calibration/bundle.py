@@ -90,8 +90,7 @@ class NormalEquations:
 
     def step(self, gradient: FloatArray | None = None) -> FloatArray:
         """The Gauss-Newton step (P,), or that of another gradient, (P,) or several of them (P, G)."""
-        found: FloatArray = self._factors.solve(self.gradient if gradient is None else gradient)
-        return found
+        return self._factors.solve(self.gradient if gradient is None else gradient)
 
     def covariance(self, at: npt.NDArray[np.intp]) -> FloatArray:
         """Covariance (K, K) of some entries (K,), whatever all others are."""

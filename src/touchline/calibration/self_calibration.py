@@ -153,8 +153,7 @@ def corrected(positions_m: FloatArray, shared: FloatArray, mirror: MirrorRespons
     ranges = np.hypot(positions_m[:, 0], positions_m[:, 1])
     factor = 1.0 + np.interp(ranges, KNOTS_M, shared[ERRORS:])
     stretched = np.ascontiguousarray(positions_m * factor[:, np.newaxis])
-    points: FloatArray = placed_points(stretched, np.ascontiguousarray(shared[:ERRORS]), mirror)
-    return points
+    return placed_points(stretched, np.ascontiguousarray(shared[:ERRORS]), mirror)
 
 
 class _Views:

@@ -144,8 +144,7 @@ def edge_spread(r: FloatArray, light: FloatArray, edges: FloatArray, levels: Flo
         room = 0.5 * min(edges[k] - edges[k - 1], edges[k + 1] - edges[k])
         spread = np.interp(edges[k] + SPREAD_PX, r, share)
         spreads.append(np.where(-room > SPREAD_PX, 1.0, np.where(room < SPREAD_PX, 0.0, spread)))
-    mean: FloatArray = np.mean(spreads, axis=0)
-    return mean
+    return np.mean(spreads, axis=0)
 
 
 def end_edge(r: FloatArray, light: FloatArray, rough_px: float, carpet: float, spread: FloatArray) -> float:

@@ -82,8 +82,7 @@ class FisheyeCamera:
         """How far from the principal point angles (N,) are shown, in focal lengths."""
         k1, k2, k3, k4 = self.distortion
         t2 = angles * angles
-        radii: FloatArray = angles * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-        return radii
+        return angles * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
 
     def _undistorted(self, radii: FloatArray) -> FloatArray:
         """The inverse of `_distorted`, by Newton's method; NaN beyond `largest_angle_rad`."""

@@ -39,8 +39,7 @@ def lagrange(x: FloatArray, y: FloatArray, at: FloatArray, support: int = SUPPOR
         for m in range(n):
             if m != j:
                 weights[:, j] *= (at - xs[:, m]) / (xs[:, j] - xs[:, m])
-    result: FloatArray = np.einsum("mj,mj...->m...", weights, y[chosen])
-    return result
+    return np.einsum("mj,mj...->m...", weights, y[chosen])
 
 
 def periodic_lagrange(angles_rad: FloatArray, y: FloatArray, at_rad: FloatArray, support: int = SUPPORT) -> FloatArray:
@@ -167,20 +166,17 @@ def range_image(camera: OmniCamera) -> FloatArray:
     """The distance map: the ground range (H, W) of every pixel (m); NaN where the table has none."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
     ground = camera.ground_from_image(np.column_stack((u.ravel(), v.ravel())))
-    distance: FloatArray = np.hypot(*ground.T).reshape(camera.height, camera.width)
-    return distance
+    return np.hypot(*ground.T).reshape(camera.height, camera.width)
 
 
 def _first_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
     """Range by radius (m/px) between the first two edges, (B,)."""
-    slopes: FloatArray = (ranges_m[1] - ranges_m[0]) / (radii_px[:, 1] - radii_px[:, 0])
-    return slopes
+    return (ranges_m[1] - ranges_m[0]) / (radii_px[:, 1] - radii_px[:, 0])
 
 
 def _last_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
     """Reciprocal range by radius (1/(m px)) between the last two edges, (B,)."""
-    slopes: FloatArray = (1.0 / ranges_m[-1] - 1.0 / ranges_m[-2]) / (radii_px[:, -1] - radii_px[:, -2])
-    return slopes
+    return (1.0 / ranges_m[-1] - 1.0 / ranges_m[-2]) / (radii_px[:, -1] - radii_px[:, -2])
 
 
 def _ends(radii_px: FloatArray, ranges_m: FloatArray) -> tuple[FloatArray, FloatArray]:

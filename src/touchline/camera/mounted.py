@@ -168,8 +168,7 @@ def _turn(roll: float, pitch: float) -> FloatArray:
     """Rx(roll) Ry(pitch), (3, 3)."""
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
     x_turn = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    turn: FloatArray = x_turn @ np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    return turn
+    return x_turn @ np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
 
 
 def lens_camera(

@@ -151,8 +151,7 @@ class OmniCamera:
     def sees(self, pixels: FloatArray) -> Mask:
         """Whether pixels (N, 2) lie between the inner and the outer radius; False for NaN."""
         radius = np.hypot(pixels[:, 0] - self.center[0], pixels[:, 1] - self.center[1])
-        inside: Mask = (radius >= self.inner_radius_px) & (radius <= self.outer_radius_px)
-        return inside
+        return (radius >= self.inner_radius_px) & (radius <= self.outer_radius_px)
 
     def _ground_if_upright(self, points: FloatArray, base_from_camera: Pose3) -> FloatArray:
         """The ground points (N, 2) that an upright camera would see in the directions of ground points (N, 2)."""
@@ -372,8 +371,7 @@ def _position(distance: float, ranges: FloatArray, rows: tuple[int, int, float])
             last = middle
     near = (1.0 - share) * ranges[low, first] + share * ranges[high, first]
     far = (1.0 - share) * ranges[low, last] + share * ranges[high, last]
-    position: float = first + min(max((distance - near) / (far - near), 0.0), 1.0)
-    return position
+    return first + min(max((distance - near) / (far - near), 0.0), 1.0)
 
 
 @njit(cache=True)

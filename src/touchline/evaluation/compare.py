@@ -78,8 +78,7 @@ class Comparison:
     def distances_m(self, index: int) -> FloatArray:
         """How far a run is from the first one at each of its images (N,); NaN where it has none."""
         poses, others = self.first.table.trajectory.values, self._poses(index)
-        distance: FloatArray = np.hypot(*(others[:, :2] - poses[:, :2]).T)
-        return distance
+        return np.hypot(*(others[:, :2] - poses[:, :2]).T)
 
     def apart(self, index: int) -> BoolArray:
         """At which images (N,) a run is more than 30 cm or 10° from the first, or only one of both is tracking."""

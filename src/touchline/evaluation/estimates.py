@@ -71,14 +71,12 @@ class EstimateTable:
 
     def has_status(self, status: Status) -> npt.NDArray[np.bool_]:
         """Which rows (N,) have this status."""
-        has: npt.NDArray[np.bool_] = self.status == _STATUSES.index(status)
-        return has
+        return self.status == _STATUSES.index(status)
 
     @property
     def std(self) -> npt.NDArray[np.float32]:
         """(N, 3) standard deviations (m, m, rad)."""
-        deviations: npt.NDArray[np.float32] = np.sqrt(self.covariance[:, [0, 3, 5]])
-        return deviations
+        return np.sqrt(self.covariance[:, [0, 3, 5]])
 
     @property
     def protection(self) -> FloatArray:
@@ -88,8 +86,7 @@ class EstimateTable:
     @property
     def end_open(self) -> npt.NDArray[np.bool_]:
         """(N,) whether the twin at the other end of the field is so likely that the end is open."""
-        is_open: npt.NDArray[np.bool_] = self.end_probability < END_DECIDED
-        return is_open
+        return self.end_probability < END_DECIDED
 
     def estimate(self, row: int) -> Estimate:
         """What was written of an image; of the other hypotheses only the twin, if it has a probability."""

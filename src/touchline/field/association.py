@@ -124,8 +124,7 @@ def _landmarks(field: FieldModel) -> list[tuple[str, Colors, float, float]]:
 
 
 def _quarter(orientations_rad: FloatArray, turn_rad: float) -> Indices:
-    quarters: Indices = np.floor((orientations_rad - turn_rad) / (0.5 * math.pi) + 1e-9).astype(np.int64) % QUARTERS
-    return quarters
+    return np.floor((orientations_rad - turn_rad) / (0.5 * math.pi) + 1e-9).astype(np.int64) % QUARTERS
 
 
 def _tables(places: FloatArray, sets: list[Indices], field: FieldModel) -> AssociationTables:

@@ -30,8 +30,7 @@ class ErrorMap:
     def look_up(self, points: npt.ArrayLike) -> ImageArray:
         """Errors (N,) of the samples nearest to points (N, 2) in m, field frame: d(o) of equation (8)."""
         places = pairs_of(points)
-        found: ImageArray = _look_up_all(self.values, self.origin_m[0], self.origin_m[1], self.resolution_m, places)
-        return found
+        return _look_up_all(self.values, self.origin_m[0], self.origin_m[1], self.resolution_m, places)
 
     def picture(self) -> ImageArray:
         """Figure 9 (b), uint8 (H, W): x upwards, y to the left, one pixel per sample, lines black."""

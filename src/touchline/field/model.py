@@ -198,8 +198,7 @@ class FieldModel:
 
         Filled marks are no lines. NaN points have NaN distances. Raises ValueError for another shape.
         """
-        distances: FloatArray = distances_to_lines(self.line_tables, pairs_of(points))
-        return distances
+        return distances_to_lines(self.line_tables, pairs_of(points))
 
     def distance_map(self, resolution_m: float = 0.025, margin_m: float = 3.0) -> DistanceMap:
         """Distance to the nearest line and its gradient on a grid that reaches margin_m beyond length and width.

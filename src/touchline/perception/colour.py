@@ -61,8 +61,7 @@ class ColourModel:
     def classify(self, image: ImageArray) -> npt.NDArray[np.uint8]:
         """Class (H, W) of every pixel of an image (H, W, 3): OTHER, GREEN or WHITE."""
         cells = image >> (8 - _BITS)
-        classes: npt.NDArray[np.uint8] = self.table[cells[..., 0], cells[..., 1], cells[..., 2]]
-        return classes
+        return self.table[cells[..., 0], cells[..., 1], cells[..., 2]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +112,7 @@ def _pixels(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> FloatA
 def chromaticity(colours: FloatArray) -> FloatArray:
     """(N, 2) shares of blue and red in colours (N, 3) B, G, R; independent of brightness."""
     total = np.maximum(colours.sum(axis=-1, keepdims=True), 1.0)
-    shares: FloatArray = (colours / total)[..., [0, 2]]
-    return shares
+    return (colours / total)[..., [0, 2]]
 
 
 def _most_frequent_green(pixels: FloatArray) -> FloatArray:
@@ -258,5 +256,4 @@ def _overexposed_green(colours: FloatArray, green: FloatArray) -> npt.NDArray[np
     """
     blue, limited, red = colours.T
     follows = np.abs(blue - red * green[0] / green[2]) < 25.0
-    overexposed: npt.NDArray[np.bool_] = (limited > 246.0) & (red < 0.85 * limited) & follows
-    return overexposed
+    return (limited > 246.0) & (red < 0.85 * limited) & follows

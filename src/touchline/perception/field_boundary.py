@@ -18,8 +18,7 @@ def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: flo
     radii = np.arange(inner_px, outer_px)
     slope = np.gradient(np.mean(camera.range_m, axis=0), camera.radius_px)
     metres_per_px = np.interp(radii, camera.radius_px, slope)
-    lengths: npt.NDArray[np.int64] = np.ceil(np.clip(gap_m / metres_per_px, 6, 80)).astype(np.int64)
-    return lengths
+    return np.ceil(np.clip(gap_m / metres_per_px, 6, 80)).astype(np.int64)
 
 
 @njit(cache=True)

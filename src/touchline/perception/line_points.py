@@ -288,8 +288,7 @@ class LinePointDetector:
     def _ring(self, inner_px: float, outer_px: float) -> npt.NDArray[np.bool_]:
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
         radius = np.hypot(u - self.camera.center[0], v - self.camera.center[1])
-        ring: npt.NDArray[np.bool_] = (radius > inner_px) & (radius < outer_px)
-        return ring
+        return (radius > inner_px) & (radius < outer_px)
 
     def _paint_width(self, found: FloatArray) -> float:
         """The paint's width (m): the one that is set, or that of the crossings (M, COLUMNS) if those are far wider."""
@@ -309,8 +308,7 @@ class LinePointDetector:
         if len(rows) < 20:
             return None
         clear = rows[rows[:, 3] >= np.median(rows[:, 3])]
-        white: FloatArray = np.median(clear[:, :3], axis=0)
-        return white
+        return np.median(clear[:, :3], axis=0)
 
     def _own_body(self, images: Sequence[ImageArray]) -> npt.NDArray[np.bool_]:
         """Pixels near the centre that are green in none of the images and hang together with the robot.
@@ -350,5 +348,4 @@ def _bands(mask: npt.NDArray[np.bool_], widest_px: float) -> npt.NDArray[np.bool
     np.maximum.at(width, labels.ravel().astype(np.intp), 2.0 * depth.ravel())
     long = stats[:, cv2.CC_STAT_AREA] >= BAND * width**2
     long[0] = False
-    kept: npt.NDArray[np.bool_] = long[labels]
-    return kept
+    return long[labels]

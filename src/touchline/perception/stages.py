@@ -37,8 +37,7 @@ def enlarged(image: ImageArray, zoom: float = _ZOOM) -> ImageArray:
 
 def fixed_point(pixels: FloatArray, zoom: float) -> npt.NDArray[np.int32]:
     """Pixels (N, 2) in an enlarged image as OpenCV's fixed-point numbers; pixel centres stay pixel centres."""
-    numbers: npt.NDArray[np.int32] = np.round(((pixels + 0.5) * zoom - 0.5) * 2**SHIFT).astype(np.int32)
-    return numbers
+    return np.round(((pixels + 0.5) * zoom - 0.5) * 2**SHIFT).astype(np.int32)
 
 
 def titled(panel: ImageArray, title: str, size: int) -> ImageArray:
@@ -97,5 +96,4 @@ def _legend_row(entries: Legend, columns: int, size: float) -> ImageArray:
 
 def _enlarged_pixels(path: FloatArray) -> npt.NDArray[np.int32]:
     """Image positions (N, 2) as whole pixels of the enlarged picture, whose pixel centres lie half a pixel further."""
-    whole: npt.NDArray[np.int32] = np.rint(_ZOOM * path + 0.5 * (_ZOOM - 1)).astype(np.int32)
-    return whole
+    return np.rint(_ZOOM * path + 0.5 * (_ZOOM - 1)).astype(np.int32)

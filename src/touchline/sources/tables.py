@@ -199,8 +199,7 @@ def shown(cell: str) -> str:
 
 def to_stamps(times_s: FloatArray) -> StampArray:
     """Seconds as integer nanoseconds."""
-    stamps: StampArray = np.rint(times_s * 1e9).astype(np.int64)
-    return stamps
+    return np.rint(times_s * 1e9).astype(np.int64)
 
 
 def _parse_clean(lines: Sequence[Line], width: int) -> FloatArray | None:

@@ -262,8 +262,7 @@ class IrisFusion:
         """
         if not self.searching or not self.mirror.enabled:
             return np.zeros(len(positions_m))
-        shaken_m: FloatArray = np.minimum(SHAKE_RAD * np.sum(positions_m**2, axis=1) / HEIGHT_M, NEAR_M)
-        return shaken_m
+        return np.minimum(SHAKE_RAD * np.sum(positions_m**2, axis=1) / HEIGHT_M, NEAR_M)
 
     def _cycle(self, positions_m: FloatArray) -> ParticleEstimate:
         """Equations (7) to (14)."""

@@ -189,8 +189,7 @@ def _deviations(points: LinePoints, kept: FloatArray) -> FloatArray:
     """Standard deviations (M,) in m of those of the points that were kept (M, 2), in any direction."""
     index = {tuple(row): k for k, row in enumerate(points.positions_m.tolist())}
     chosen = [index[tuple(row)] for row in kept.tolist()]
-    deviations: FloatArray = np.sqrt(0.5 * np.trace(points.covariances_m2[chosen], axis1=1, axis2=2))
-    return deviations
+    return np.sqrt(0.5 * np.trace(points.covariances_m2[chosen], axis1=1, axis2=2))
 
 
 def _spread(count: int) -> list[int]:

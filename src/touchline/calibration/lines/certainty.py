@@ -58,8 +58,7 @@ class Certainty(NamedTuple):
             slopes[:, k] = (np.log(other.range_m(radius_px)) - base) / step[k]
         variance = np.einsum("nk,skl,nl->sn", slopes, self.covariances, slopes).max(axis=0)
         more = np.abs(slopes @ self.kinks.T).sum(axis=1)  # scales of Cauchy's distribution add up as they are
-        ratio: FloatArray = np.sqrt(variance + more**2 + _rounded(shape, radius_px) ** 2 + _UPRIGHT**2)
-        return ratio
+        return np.sqrt(variance + more**2 + _rounded(shape, radius_px) ** 2 + _UPRIGHT**2)
 
 
 def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certainty:
@@ -94,8 +93,7 @@ def _rounded(shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
         return np.zeros(len(radius_px))
     first = np.clip((radius_px / shape.knot_px).astype(np.intp), 0, len(second) - 1)
     near = second[np.clip(first[:, np.newaxis] + np.arange(-2, 4), 0, len(second) - 1)]
-    rounded: FloatArray = _KINKS * (near.max(axis=1) - near.min(axis=1))
-    return rounded
+    return _KINKS * (near.max(axis=1) - near.min(axis=1))
 
 
 def _kinks(found: CurveFit, inverse: FloatArray) -> FloatArray:
@@ -108,8 +106,7 @@ def _kinks(found: CurveFit, inverse: FloatArray) -> FloatArray:
     variances = np.sum(doubled[:, SHAPE:] * second, axis=1)
     information = np.maximum(1.0 / variances - weights, 0.0)  # by the points, of each
     sizes = (information + (_WITHIN * curvature) ** -2.0) ** -0.5
-    moves: FloatArray = (sizes * weights)[:, np.newaxis] * doubled
-    return moves
+    return (sizes * weights)[:, np.newaxis] * doubled
 
 
 def _scatter(rows: FloatArray, groups: npt.NDArray[np.int64]) -> FloatArray:
@@ -123,8 +120,7 @@ def _scatter(rows: FloatArray, groups: npt.NDArray[np.int64]) -> FloatArray:
 
 def _cells(points: FloatArray) -> npt.NDArray[np.int64]:
     cells = np.clip(np.floor(points / _CELL_M), -500, 500).astype(np.int64)
-    numbers: npt.NDArray[np.int64] = cells[:, 0] * 1001 + cells[:, 1]
-    return numbers
+    return cells[:, 0] * 1001 + cells[:, 1]
 
 
 class Alone(NamedTuple):

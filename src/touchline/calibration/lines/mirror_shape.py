@@ -59,8 +59,7 @@ class MirrorShape:
         logs = self.parameters[LOG_SCALE] + np.log(np.tan(np.maximum(turn, 1e-9)))
         if len(self.parameters) > SHAPE:
             logs += spline_rows(radius_px, self.knot_px, len(self.parameters) - SHAPE) @ self.parameters[SHAPE:]
-        ranges: FloatArray = np.exp(logs)
-        return ranges
+        return np.exp(logs)
 
     def ground(self, pixels: FloatArray) -> FloatArray:
         """Ground points (N, 2) in the robot frame, x along the image's u, of pixels (N, 2)."""
@@ -69,8 +68,7 @@ class MirrorShape:
         directions = offset * np.array([1.0, self.handedness]) / radius[:, np.newaxis]
         upright = directions * self.range_m(radius)[:, np.newaxis]
         depth = np.maximum(1.0 - upright @ self.bend_per_m, MIN_DEPTH)[:, np.newaxis]
-        ground: FloatArray = (upright + HEIGHT_M**2 * self.bend_per_m) / depth - self.origin_m
-        return ground
+        return (upright + HEIGHT_M**2 * self.bend_per_m) / depth - self.origin_m
 
     def camera(self, size: tuple[int, int], inner_px: float, outer_px: float, mount_yaw_rad: float = 0.0) -> OmniCamera:
         """The camera of images of a size (width, height) whose robot ends at inner_px and whose ground at outer_px."""
@@ -108,5 +106,4 @@ def spline_rows(radius_px: FloatArray, knot_px: float, count: int) -> FloatArray
     from scipy.interpolate import BSpline
 
     at = np.clip(radius_px / knot_px, 0.0, count - 3.0)
-    rows: FloatArray = BSpline.design_matrix(at, np.arange(-3.0, count + 1.0), 3).toarray()
-    return rows
+    return BSpline.design_matrix(at, np.arange(-3.0, count + 1.0), 3).toarray()

@@ -86,8 +86,7 @@ def mirror_errors(camera: Camera | None) -> CameraErrors:
 def stated(uncertainty: CameraUncertainty) -> FloatArray:
     """Covariance (5, 5) of the errors as far as a camera.yaml is unsure."""
     lean, aside_px = 2.0 * math.radians(uncertainty.tilt_deg) / HEIGHT_M, uncertainty.center_px
-    covariance: FloatArray = np.diag(np.square([lean, lean, aside_px, aside_px, uncertainty.range_ratio]))
-    return covariance
+    return np.diag(np.square([lean, lean, aside_px, aside_px, uncertainty.range_ratio]))
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -118,5 +118,4 @@ def _moved(surface: _Surface, shift: FloatArray, turn: FloatArray) -> FloatArray
     tilted[:, 1] += normals[:, 0] / points[:, 0] * along[:, 1]
     turned = -2.0 * ((rays * tilted).sum(axis=1)[:, np.newaxis] * normals + toward[:, np.newaxis] * tilted)
     off = meets + reach[:, np.newaxis] * turned
-    ground: FloatArray = (off - (off[:, 2] / sent[:, 2])[:, np.newaxis] * sent)[:, :2]
-    return ground
+    return (off - (off[:, 2] / sent[:, 2])[:, np.newaxis] * sent)[:, :2]

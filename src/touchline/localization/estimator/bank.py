@@ -250,8 +250,7 @@ class Bank:
 
     def upright(self, image: Image) -> FloatArray:
         """Line points (N, 2) without the camera's errors that are known (robot frame, m)."""
-        points: FloatArray = placed_points(image.seen.positions_m, self.knowing.errors, image.response)
-        return points
+        return placed_points(image.seen.positions_m, self.knowing.errors, image.response)
 
     def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
         """The prediction; without odometry others along the way that the robot may have gone; of a given pose, off by

@@ -100,8 +100,7 @@ class JointSearch:
 
     def placed(self, points_m: FloatArray, fit: JointFit) -> FloatArray:
         """Points (N, 2), robot frame, as a camera without the errors of a fit would have seen them."""
-        placed: FloatArray = placed_points(points_m, fit.errors, self._response)
-        return placed
+        return placed_points(points_m, fit.errors, self._response)
 
     def doubts(self, fit: JointFit) -> tuple[str, ...]:
         """What contradicts a fit, a sentence each: features that are none of the field's there, a camera far off."""

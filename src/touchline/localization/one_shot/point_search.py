@@ -59,5 +59,4 @@ class PointSearch:
 
     def moments(self, points: FloatArray, weights: FloatArray, pose: Pose) -> Moments:
         """What each point's error says about the accuracy of a pose."""
-        found: Moments = moments(points, weights, self.map.table, pose.as_array(), C_M)
-        return found
+        return moments(points, weights, self.map.table, pose.as_array(), C_M)

@@ -60,8 +60,7 @@ class MotionModel:
             + (s.rotation_from_translation_rad_per_m * driven_m) ** 2
             + s.rotation_at_rest_rad**2
         )
-        found: FloatArray = np.sqrt(np.diag(motion.covariance) + np.array([position, position, heading]))
-        return found
+        return np.sqrt(np.diag(motion.covariance) + np.array([position, position, heading]))
 
 
 @numba.njit(cache=True)

@@ -87,8 +87,7 @@ class DistanceMapModel:
         """log P(o | l) (N,) of poses (N, 3), equation (3); the view's weights sum to 1."""
         errors, factor = self._narrow if self.narrow else self._wide
         factor *= self.independent_points or len(view.positions_m)  # weights sum to 1, so the count comes here
-        found: FloatArray = log_likelihoods(poses, view.positions_m, view.weights, errors, factor)
-        return found
+        return log_likelihoods(poses, view.positions_m, view.weights, errors, factor)
 
 
 class ErrorMapModel:
@@ -106,13 +105,11 @@ class ErrorMapModel:
 
     def log_likelihoods(self, view: LineView, poses: FloatArray) -> FloatArray:
         """Logarithm (N,) of equation (9) for poses (N, 3); each point counts as often as its weight says."""
-        found: FloatArray = log_likelihoods(poses, view.positions_m, view.weights, self._errors, self._factor)
-        return found
+        return log_likelihoods(poses, view.positions_m, view.weights, self._errors, self._factor)
 
     def errors_m(self, points: FloatArray, pose: Pose) -> FloatArray:
         """Errors (M,) of points (M, 2) seen from a pose, in metres: distances, but for the map's steps and its end."""
-        errors: FloatArray = self.map.look_up(pose.transform(points)) * (self.map.farthest_m / MAX_ERROR)
-        return errors
+        return self.map.look_up(pose.transform(points)) * (self.map.farthest_m / MAX_ERROR)
 
 
 @numba.njit(cache=True)

@@ -28,8 +28,7 @@ STRAY = 0.02  # probability of a line that is none of the field's straight ones
 def attitude_deviations(expected: StatePrior) -> FloatArray:
     """Standard deviations of roll and pitch (2,) in what is expected of an image (rad)."""
     covariance: FloatArray = inverse(expected.information)
-    deviations: FloatArray = np.sqrt(np.diag(covariance)[3:5])
-    return deviations
+    return np.sqrt(np.diag(covariance)[3:5])
 
 
 def attitude_offsets(deviations: FloatArray) -> FloatArray:
@@ -40,8 +39,7 @@ def attitude_offsets(deviations: FloatArray) -> FloatArray:
         sides.append(np.linspace(-REACH * deviation, REACH * deviation, 2 * count + 1))
     offsets = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
     order = np.argsort(((offsets / np.maximum(deviations, 1e-9)) ** 2).sum(axis=1), kind="stable")
-    nearest: FloatArray = offsets[order]
-    return nearest
+    return offsets[order]
 
 
 def fit_leaning(

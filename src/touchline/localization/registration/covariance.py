@@ -113,8 +113,7 @@ def _values(helps: FloatArray) -> FloatArray:
     """(3,) information of points, of which each helps (N, 3), along the three directions but for clutter."""
     kept = _kept(len(helps))
     values = np.partition(helps, kept - 1, axis=0)[:kept].sum(axis=0)
-    left: FloatArray = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)
-    return left
+    return np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)
 
 
 class PrincipalInformation(NamedTuple):

@@ -226,8 +226,7 @@ class Features:
 
     def _lean_covariances(self, positions: FloatArray) -> FloatArray:
         jacobians = lean_jacobians(positions, self.height_m) * self.settings.noise.lean_rad
-        covariances: FloatArray = jacobians @ jacobians.transpose(0, 2, 1)
-        return covariances
+        return jacobians @ jacobians.transpose(0, 2, 1)
 
     def _mixture(self, confidences: FloatArray, uniform: float, densities: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Densities of the uniform and of the normal observation with the shares of section 5.3."""
@@ -253,8 +252,7 @@ def lean_jacobians(points: FloatArray, height_m: float) -> FloatArray:
 
 def levelled(ground: FloatArray, height_m: float, lean: FloatArray) -> FloatArray:
     """Ground points (..., 2) without roll and pitch (2,) that the camera is known to lack (rad), to first order."""
-    points: FloatArray = ground - lean_jacobians(ground, height_m) @ lean
-    return points
+    return ground - lean_jacobians(ground, height_m) @ lean
 
 
 def closest_ranges(ends: FloatArray) -> FloatArray:
@@ -262,5 +260,4 @@ def closest_ranges(ends: FloatArray) -> FloatArray:
     along = ends[:, 1] - ends[:, 0]
     share = -np.einsum("li,li->l", ends[:, 0], along) / np.maximum(np.einsum("li,li->l", along, along), 1e-12)
     closest = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, np.newaxis] * along
-    ranges: FloatArray = np.hypot(closest[:, 0], closest[:, 1])
-    return ranges
+    return np.hypot(closest[:, 0], closest[:, 1])

@@ -117,8 +117,7 @@ class LearnedMirror:
         if errors is None and not self.enabled:
             return np.ascontiguousarray(positions_m)
         chosen = self.correction if errors is None else errors
-        points: FloatArray = placed_points(np.ascontiguousarray(positions_m), chosen, self._mirror)
-        return points
+        return placed_points(np.ascontiguousarray(positions_m), chosen, self._mirror)
 
     @property
     def misfit(self) -> FloatArray:
@@ -141,8 +140,7 @@ class LearnedMirror:
         """Covariance (3, 3) of what a shaking head leaves in the pose of one image, as `unseen`."""
         if self.fit is None:
             return np.zeros((3, 3))
-        own: FloatArray = self.fit.lever @ self.fit.own @ self.fit.lever.T
-        return own
+        return self.fit.lever @ self.fit.own @ self.fit.lever.T
 
     def fit_to(self, points: LinePoints, pose: FloatArray, expected: Expected | None = None) -> ImageFit | None:
         """An image's pose and errors, from points as seen and a pose (3,) that is close; None if nothing suits.

@@ -79,8 +79,7 @@ class Registration:
 
     def fit(self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, plan: Plan = TRACKING) -> Fit:
         """As `register`, for those who do not ask for the covariance."""
-        fit: Fit = register(positions_m, covariances_m2, self.table, start, plan)
-        return fit
+        return register(positions_m, covariances_m2, self.table, start, plan)
 
     def register_all(self, positions_m: FloatArray, covariances_m2: FloatArray, starts: FloatArray, plan: Plan) -> Fits:
         """What a plan's steps come to from each of starts (K, 3)."""
@@ -89,8 +88,7 @@ class Registration:
 
     def fit_state(self, seen: Seen, start: FloatArray, prior: StatePrior, plan: Plan, response: Response) -> StateFit:
         """Pose and camera errors, jointly, from a start (S,) and with what is known before."""
-        fit: StateFit = fit_state(seen, self.ground, start, prior, response, plan)
-        return fit
+        return fit_state(seen, self.ground, start, prior, response, plan)
 
 
 def covariances_of(fits: Fits) -> FloatArray:

@@ -116,8 +116,7 @@ def _count(range_m, ray, view, counts):  # type: ignore[no-untyped-def]
 
 def unseen(lines: LineTables, view: View, poses: FloatArray) -> FloatArray:
     """(K,) how many crossings of rays with lines that each pose (K, 3) predicts in view were not seen."""
-    found: FloatArray = count_unseen(lines, poses, view)[:, 1]
-    return found
+    return count_unseen(lines, poses, view)[:, 1]
 
 
 def seen_ratio(lines: LineTables, points_m: FloatArray, pose: FloatArray, far_m: float) -> float:

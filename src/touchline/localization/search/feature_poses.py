@@ -62,8 +62,7 @@ class PoseProposals:
             return np.concatenate((self._directions, self._directions + math.pi)) - seen
         oriented = np.flatnonzero(view.points.sets[:, 1] > 1)
         if len(oriented):
-            turned: FloatArray = (np.arange(4) + 0.5) * 0.5 * math.pi - view.points.turns_rad[oriented[0]]
-            return turned
+            return (np.arange(4) + 0.5) * 0.5 * math.pi - view.points.turns_rad[oriented[0]]
         return self._headings_by_points(view)
 
     def _headings_by_points(self, view: FeatureView) -> FloatArray:
@@ -136,5 +135,4 @@ class PoseProposals:
 def _longest(lines: LineFeatures) -> FloatArray:
     """From end to end of the longest line (2,)."""
     along = lines.ends_m[:, 1] - lines.ends_m[:, 0]
-    longest: FloatArray = along[np.argmax((along**2).sum(axis=1))]
-    return longest
+    return along[np.argmax((along**2).sum(axis=1))]

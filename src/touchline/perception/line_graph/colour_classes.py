@@ -130,8 +130,7 @@ def _with_washed_carpet(
 
 def _excess(colours: FloatArray) -> FloatArray:
     """(N,) of G over the mean of B and R, as a share of their sum."""
-    shares: FloatArray = 1.5 * colours[:, 1] / colours.sum(axis=1) - 0.5
-    return shares
+    return 1.5 * colours[:, 1] / colours.sum(axis=1) - 0.5
 
 
 def relative_table(model: ColourModel, tint: FloatArray = NO_TINT) -> npt.NDArray[np.uint8]:
@@ -175,8 +174,7 @@ def _cell_colours() -> FloatArray:
 
 
 def _codes(whiteness: FloatArray) -> FloatArray:
-    codes: FloatArray = np.clip(np.rint(FIRST_WHITE + WHITE_STEPS * whiteness), FIRST_WHITE, 255)
-    return codes
+    return np.clip(np.rint(FIRST_WHITE + WHITE_STEPS * whiteness), FIRST_WHITE, 255)
 
 
 def colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int64]:
@@ -224,8 +222,7 @@ def _between_carpet(image: ImageArray, around: npt.NDArray[np.bool_], model: Col
     light = cv2.blur(brightness * green, size) / np.maximum(cv2.blur(green.astype(np.float32), size), 1e-3)
     colours, light = smooth[between].astype(np.float64), light[between] / model.green.sum()
     bright = colours.sum(axis=1) > _PALEST * light * model.green.sum()
-    relative: FloatArray = colours[bright] / light[bright, np.newaxis]
-    return relative
+    return colours[bright] / light[bright, np.newaxis]
 
 
 @njit(cache=True)

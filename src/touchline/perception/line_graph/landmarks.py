@@ -71,8 +71,7 @@ def _covariance(one: _Landmark, plane: ImagePlane) -> FloatArray:
     """(2, 2) m²."""
     if one.kind == LandmarkKind.GOAL:
         return np.eye(2) * (0.05 + 0.03 * float(np.hypot(*one.upright.place))) ** 2
-    covariance: FloatArray = ground_covariances(plane, one.upright.pixel[np.newaxis], *one.noise)[0]
-    return covariance
+    return ground_covariances(plane, one.upright.pixel[np.newaxis], *one.noise)[0]
 
 
 def _coloured(uprights: list[Upright], field: FieldModel, settings: LineGraphSettings) -> list[_Landmark]:

@@ -105,5 +105,4 @@ def _as_wide_as_its_foot(thing: Mask, ground: Mask, left: int, top: int) -> Mask
     )
     if not all(part.size and part.mean() >= _GREEN_BESIDE for part in beside):
         return np.zeros_like(thing)
-    narrow: Mask = thing & (thing.sum(axis=1) <= _MAX_WIDTH_RATIO * len(columns))[:, np.newaxis]
-    return narrow
+    return thing & (thing.sum(axis=1) <= _MAX_WIDTH_RATIO * len(columns))[:, np.newaxis]

@@ -77,8 +77,7 @@ class ImageSensor:
             deviation = np.sqrt(mosaic * shot + (np.float32(self.read_noise_electrons) * shot) ** 2)
             mosaic += deviation * noise_numbers(rng, height * width).reshape(height, width)
         codes = (np.clip(mosaic, 0.0, 1.0, out=mosaic) * np.float32(65535.0) + np.float32(0.5)).astype(np.uint16)
-        picture: ImageArray = _response(self.gamma)[cv2.cvtColor(codes, cv2.COLOR_BayerRGGB2BGR)]
-        return picture
+        return _response(self.gamma)[cv2.cvtColor(codes, cv2.COLOR_BayerRGGB2BGR)]
 
     def sequence_constants(self) -> dict[str, Any]:
         """The `sensor` mapping of a recording's sequence.yaml."""

@@ -181,8 +181,7 @@ class ObservedFeatures:
     def lengths(self, pose: Pose, ends: FloatArray) -> FloatArray:
         """(L,) lengths in the image (px) of stretches (L, 2, 2), field frame."""
         pixels = self.camera.image_from_ground(pose.inverse().transform(ends.reshape(-1, 2))).reshape(-1, 2, 2)
-        lengths: FloatArray = np.hypot(*(pixels[:, 1] - pixels[:, 0]).T)
-        return lengths
+        return np.hypot(*(pixels[:, 1] - pixels[:, 0]).T)
 
     def _lines(self, looking: Looking, rng: np.random.Generator) -> Lines:
         """Of each straight line the longest stretch in view, and threads of nets that are taken for lines."""
@@ -301,8 +300,7 @@ def _landmarks(field: FieldModel, noise: FeatureNoise) -> list[_Mark]:
 def _direction(places: FloatArray) -> FloatArray:
     """(2,) unit vector from the first of places (N, 2) to the last."""
     step = places[-1] - places[0]
-    direction: FloatArray = step / math.hypot(step[0], step[1])
-    return direction
+    return step / math.hypot(step[0], step[1])
 
 
 def _arms(crossing: Crossing) -> FloatArray:
@@ -381,8 +379,7 @@ class FeatureView:
         farther = ground * (1.0 + _NUDGE_M / np.maximum(np.hypot(*ground.T), _NUDGE_M))[:, np.newaxis]
         here, there = np.split(self.camera.image_from_ground(np.concatenate((ground, farther))), 2)
         step = there - here
-        directions: FloatArray = step / np.maximum(np.hypot(*step.T), 1e-12)[:, np.newaxis]
-        return directions
+        return step / np.maximum(np.hypot(*step.T), 1e-12)[:, np.newaxis]
 
     def perturbed(
         self, ground: FloatArray, directions: FloatArray, sizes_px: FloatArray, rng: np.random.Generator
@@ -410,8 +407,7 @@ class FeatureView:
 
     def tailed(self, chance: FloatArray) -> FloatArray:
         """Standard normal numbers with heavier tails."""
-        values: FloatArray = np.sinh(self.tail * chance) / self.tail
-        return values
+        return np.sinh(self.tail * chance) / self.tail
 
 
 def tail_variance(tail: float) -> float:
@@ -421,5 +417,4 @@ def tail_variance(tail: float) -> float:
 
 def logistic(value: FloatArray) -> FloatArray:
     """1 / (1 + exp(-value))."""
-    share: FloatArray = 0.5 + 0.5 * np.tanh(0.5 * value)
-    return share
+    return 0.5 + 0.5 * np.tanh(0.5 * value)

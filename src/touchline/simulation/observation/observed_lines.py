@@ -214,8 +214,7 @@ class ObservedLines:
         hiding = occluders(bodies, self.noise.height_m)
         at = pose.transform(places)
         clear = [not hidden(pose.x, pose.y, x, y, hiding) for x, y in at]
-        seen: FloatArray = places[np.array(clear, dtype=np.bool_)]
-        return seen
+        return places[np.array(clear, dtype=np.bool_)]
 
     def _sectors(self, black_rad: FloatArray) -> FloatArray:
         """(B, 2) directions in which nothing is seen."""
@@ -260,8 +259,7 @@ def _nodes(camera: OmniCamera) -> FloatArray:
     from_center = nodes - np.array(camera.center)
     radius = np.hypot(from_center[..., 0], from_center[..., 1])
     inside = np.clip(radius, camera.radius_px[0] + 0.5, camera.radius_px[-1] - 3.0) / np.maximum(radius, 1e-9)
-    nearest: FloatArray = np.array(camera.center) + from_center * inside[..., np.newaxis]
-    return nearest
+    return np.array(camera.center) + from_center * inside[..., np.newaxis]
 
 
 def _askew(camera: OmniCamera, nodes: FloatArray, project: Callable[[FloatArray], FloatArray]) -> FloatArray:

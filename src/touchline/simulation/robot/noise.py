@@ -25,8 +25,7 @@ class PlaceDisturbance:
 
     def at(self, places_m: FloatArray) -> FloatArray:
         """Values (N,) at places (N, 2) in the field frame."""
-        values: FloatArray = self._height * np.cos(places_m @ self._waves + self._phases).sum(axis=1)
-        return values
+        return self._height * np.cos(places_m @ self._waves + self._phases).sum(axis=1)
 
 
 def drift(count: int, period_s: float, rms: float, time_constant_s: float, rng: np.random.Generator) -> FloatArray:

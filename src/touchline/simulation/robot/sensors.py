@@ -201,8 +201,7 @@ def _late_heading(track: Track, times_s: FloatArray) -> FloatArray:
     """Continuous heading at times, which jumps rather than turns where the robot was carried."""
     carried = np.cumsum(track.carried[:, 2])
     rows = np.minimum(np.floor(times_s / STEP_S + 1e-9).astype(np.int64), len(carried) - 1)
-    heading: FloatArray = np.interp(times_s, track.times_s, track.poses[:, 2] - carried) + carried[rows]
-    return heading
+    return np.interp(times_s, track.times_s, track.poses[:, 2] - carried) + carried[rows]
 
 
 def _middle_rates(angles: FloatArray) -> FloatArray:
@@ -215,8 +214,7 @@ def _middle_rates(angles: FloatArray) -> FloatArray:
 def _per_sample(steps: FloatArray) -> FloatArray:
     """Motions (M - 1, k) between the sensors' samples from those (N, k) of the track's steps (row 0 is before them)."""
     n = (len(steps) - 1) // _STRIDE
-    summed: FloatArray = steps[1 : 1 + n * _STRIDE].reshape(n, _STRIDE, -1).sum(axis=1)
-    return summed
+    return steps[1 : 1 + n * _STRIDE].reshape(n, _STRIDE, -1).sum(axis=1)
 
 
 def _stamped(values: FloatArray) -> Samples:

@@ -88,8 +88,7 @@ class Track:
     def velocity_at(self, time_s: float) -> FloatArray:
         """(3,) velocity vx, vy (m/s, field frame), turning rate (rad/s), without the jump of being carried."""
         row = min(max(int(np.ceil(time_s / STEP_S)), 1), len(self.poses) - 1)
-        velocity: FloatArray = (self.poses[row] - self.poses[row - 1] - self.carried[row]) / STEP_S
-        return velocity
+        return (self.poses[row] - self.poses[row - 1] - self.carried[row]) / STEP_S
 
     def covered_at(self, time_s: float) -> bool:
         """Whether the camera is covered at a time."""
@@ -101,8 +100,7 @@ class Track:
         row = np.minimum(position.astype(np.int64), len(rows) - 2)
         share = position - row
         share = np.where(self.carried[row + 1].any(axis=1), np.where(share >= 0.5, 1.0, 0.0), share)[:, np.newaxis]
-        between: FloatArray = (1.0 - share) * rows[row] + share * rows[row + 1]
-        return between
+        return (1.0 - share) * rows[row] + share * rows[row + 1]
 
 
 def twists_between(before: FloatArray, after: FloatArray) -> FloatArray:

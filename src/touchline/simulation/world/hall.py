@@ -30,8 +30,7 @@ def hall_for(
 def beside_lines(field_model: FieldModel) -> FloatArray:
     """(S, 4) lines x1, y1, x2, y2 of a like field to the left of this one, BESIDE_GAP_M between both carpets."""
     offset_m = field_model.width + 2.0 * field_model.border + BESIDE_GAP_M
-    lines: FloatArray = field_model.segments + np.array([0.0, offset_m, 0.0, offset_m])
-    return lines
+    return field_model.segments + np.array([0.0, offset_m, 0.0, offset_m])
 
 
 def field_beside(field_model: FieldModel, hall: tuple[float, float, float]) -> tuple[Block, ...]:

@@ -128,8 +128,7 @@ def rotation(quaternion: Any) -> FloatArray | None:
     q = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w], dtype=np.float64)
     if not np.isfinite(q).all() or np.linalg.norm(q) < 1e-3:
         return None
-    matrix: FloatArray = Rotation.from_quat(q).as_matrix()
-    return matrix
+    return Rotation.from_quat(q).as_matrix()
 
 
 def pose3(place: Any, quaternion: Any) -> Pose3 | None:

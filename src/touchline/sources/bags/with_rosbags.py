@@ -156,8 +156,7 @@ def _is_like_standard(types: Any, name: str) -> bool:
 
 def field_kinds(kind: str) -> Sequence[tuple[str, Any]]:
     """Names of the fields of a type that is known, and what each is, as rosbags has it. Raises KeyError."""
-    found: Sequence[tuple[str, Any]] = _known().fielddefs[kind][1]
-    return found
+    return _known().fielddefs[kind][1]
 
 
 class Codec:

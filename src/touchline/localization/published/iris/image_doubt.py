@@ -34,8 +34,7 @@ class ImageDoubt(NamedTuple):
         What lines leave open, particles have from the odometry: along a lone line they err as it does.
         """
         weighed = np.linalg.inv(np.eye(3) + spread @ self.information)  # share of the odometry
-        left: FloatArray = weighed @ (covariance + spread @ self.information @ spread) @ weighed.T + self.beside
-        return left
+        return weighed @ (covariance + spread @ self.information @ spread) @ weighed.T + self.beside
 
 
 class ImageMirror:
@@ -90,5 +89,4 @@ class ImageMirror:
 
 def shared_out(apart: FloatArray) -> FloatArray:
     """Covariance (3, 3) by which a difference (3,) is as far off as a pose errs on average."""
-    shared: FloatArray = np.outer(apart, apart) / len(apart)
-    return shared
+    return np.outer(apart, apart) / len(apart)

@@ -326,11 +326,9 @@ class SensorFusion:
         step = driven(self.pose, EXACT_SCALES, motion.pose)
         p, q = step.by_pose @ covariance @ step.by_pose.T, step.by_motion @ motion.covariance @ step.by_motion.T
         if not (dependent and p.any() and q.any()):
-            moved: FloatArray = p + q
-            return moved
+            return p + q
         a = math.sqrt(np.trace(q) / np.trace(p))
-        bound: FloatArray = (1.0 + a) * p + (1.0 + 1.0 / a) * q
-        return bound
+        return (1.0 + a) * p + (1.0 + 1.0 / a) * q
 
 
 def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:

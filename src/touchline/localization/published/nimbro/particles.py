@@ -144,8 +144,7 @@ class SidedPoses(NamedTuple):
 def on_side(poses: FloatArray, about: Pose | Region) -> FloatArray:
     """Of each pose (N, 3) and its twin the one that faces the way of another pose, or lies in a half of the field."""
     far = poses[:, :1] > about.max_x if isinstance(about, Region) else np.cos(poses[:, 2:] - about.heading) < 0.0
-    chosen: FloatArray = np.where(far, poses * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi), poses)
-    return chosen
+    return np.where(far, poses * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi), poses)
 
 
 class NimbroParticles:
