@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from touchline.experiments import schulz_runs as humanoids
-from touchline.experiments.drives import BoolArray, Drive, estimates_of, track_of
+from touchline.experiments.drives import Drive, estimates_of, track_of
 from touchline.experiments.harness import NONE, Kept, Row, progress_to, resumed, wilson
+from touchline.geometry import BoolArray
 from touchline.simulation.robot.match import ACCIDENT, FALL, HALF_TIME, PENALTY, PICKED_UP
 from touchline.types import Estimate, Prior
 

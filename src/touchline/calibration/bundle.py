@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import NoFitError
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IndexArray
 
 _STEPS, _SETTLED = 60, 1e-3  # of Levenberg and Marquardt: at most so many, and the gain at which they end
 _MIN_DAMPING, _MAX_DAMPING = 1e-7, 1e5
@@ -32,7 +31,7 @@ class Block(NamedTuple):
     The gradient is that of the log-likelihood: a step along it improves the fit. It is -Jᵀ W r of residuals r.
     """
 
-    at: npt.NDArray[np.intp]
+    at: IndexArray
     information: FloatArray
     gradient: FloatArray
 
@@ -48,19 +47,19 @@ class Equations(NamedTuple):
     cost: float
 
 
-def residual_block(at: npt.NDArray[np.intp], rows: FloatArray, residuals: FloatArray, weights: FloatArray) -> Block:
+def residual_block(at: IndexArray, rows: FloatArray, residuals: FloatArray, weights: FloatArray) -> Block:
     """Of residuals (N,) with derivatives (N, K) by the entries and weights (N,), which are inverse variances."""
     weighted = rows * weights[:, np.newaxis]
     return Block(at, weighted.T @ rows, -weighted.T @ residuals)
 
 
-def prior_block(at: npt.NDArray[np.intp], information: FloatArray, off: FloatArray) -> Block:
+def prior_block(at: IndexArray, information: FloatArray, off: FloatArray) -> Block:
     """Of a Gaussian prior with information (K, K) or, of independent entries, (K,); off: (K,) entries less its mean."""
     matrix = np.diag(information) if information.ndim == 1 else information
     return Block(at, matrix, -matrix @ off)
 
 
-def entries(shared: int, images: int, own: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def entries(shared: int, images: int, own: int) -> tuple[IndexArray, IndexArray]:
     """Numbers of the shared entries (S,), which come first, and of each image's own (V, P)."""
     return np.arange(shared), shared + np.arange(images * own).reshape(images, own)
 
@@ -92,13 +91,13 @@ class NormalEquations:
         """The Gauss-Newton step (P,), or that of another gradient, (P,) or several of them (P, G)."""
         return self._factors.solve(self.gradient if gradient is None else gradient)
 
-    def covariance(self, at: npt.NDArray[np.intp]) -> FloatArray:
+    def covariance(self, at: IndexArray) -> FloatArray:
         """Covariance (K, K) of some entries (K,), whatever all others are."""
         units = np.zeros((len(self.gradient), len(at)))
         units[at, np.arange(len(at))] = 1.0
         return self.step(units)[at]
 
-    def influences(self, blocks: Sequence[Block], at: npt.NDArray[np.intp]) -> FloatArray:
+    def influences(self, blocks: Sequence[Block], at: IndexArray) -> FloatArray:
         """By how much (B, K) each block moves some entries (K,)."""
         columns = np.zeros((len(self.gradient), len(blocks)))
         for column, one in zip(columns.T, blocks, strict=True):
@@ -106,7 +105,7 @@ class NormalEquations:
         return self.step(columns)[at].T
 
 
-def marginal(blocks: Sequence[Block], at: npt.NDArray[np.intp], prior: FloatArray) -> tuple[FloatArray, FloatArray]:
+def marginal(blocks: Sequence[Block], at: IndexArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Information (K, K) and gradient (K,) of some entries (K,), whatever all others are.
 
     prior: (K,) information that is added while the blocks are solved, so that they need not tell each entry.

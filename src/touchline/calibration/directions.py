@@ -3,20 +3,18 @@
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.strip import Strip
 from touchline.calibration.strip_axis import trimmed_lstsq
 from touchline.calibration.strip_edges import edge_name
 from touchline.camera.model_free import lagrange
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, circular_mean, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, IntArray, circular_mean, wrap_angles
 
 MIN_DIRECTIONS = 8  # a tilted mirror is a first harmonic: cubic interpolation follows it to 0.1 % at 45°
 MAX_GAP_RAD = np.radians(65.0)  # twelve directions with one missing
 SAME_DIRECTION_RAD = np.radians(4.0)  # images so near are averaged: between them noise would become a slope
 WRONG_BEARING_RAD = np.radians(3.0)
-Mask = npt.NDArray[np.bool_]
 _HARMONICS = (6, 10, 18)  # directions that it takes to tell the first, second, ... harmonic of what a mirror does
 _FAR = 3.0  # standard deviations
 _NEAR = 5  # edges of an image, next to each other
@@ -122,7 +120,7 @@ def check_directions(bearings_rad: FloatArray, folder: Path) -> None:
         )
 
 
-def around(angles_rad: FloatArray, values: FloatArray, least: float, keep: Mask | None = None) -> FloatArray:
+def around(angles_rad: FloatArray, values: FloatArray, least: float, keep: BoolArray | None = None) -> FloatArray:
     """What harmonics of the direction make of values (S,) at angles (S,): (S,). What lies far off them does not count.
 
     least: deviation that is never far. keep: (S,), what may count at first. NaN never counts.
@@ -133,7 +131,9 @@ def around(angles_rad: FloatArray, values: FloatArray, least: float, keep: Mask 
     return waves @ trimmed_lstsq(waves, values, least, keep)[0]
 
 
-def healed(angles_rad: FloatArray, values: FloatArray, least: FloatArray, of_its_own: bool) -> tuple[FloatArray, Mask]:
+def healed(
+    angles_rad: FloatArray, values: FloatArray, least: FloatArray, of_its_own: bool
+) -> tuple[FloatArray, BoolArray]:
     """Values (S, E) of E edges in S images, where single ones that contradict the other directions, or are NaN, are
     replaced by what those say; and which (S, E). least: (E,) deviation that is never a contradiction.
 
@@ -150,7 +150,7 @@ def healed(angles_rad: FloatArray, values: FloatArray, least: FloatArray, of_its
     return np.where(spoilt, fits, values), spoilt
 
 
-def white_excess(radii_px: FloatArray, ranges_m: FloatArray, signs: npt.NDArray[np.int64]) -> FloatArray:
+def white_excess(radii_px: FloatArray, ranges_m: FloatArray, signs: IntArray) -> FloatArray:
     """How far (E,) px white reaches into black at each edge, as it is seen; from edges at radii (S, E).
 
     Where the camera's response isn't known, or white is overexposed, every white rectangle looks too long and every

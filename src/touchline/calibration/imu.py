@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.marks import MARKS, read_marks
 from touchline.camera.imu_correction import (
@@ -23,7 +22,7 @@ from touchline.camera.imu_correction import (
 )
 from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IndexArray
 from touchline.motion import LeanFilter
 from touchline.sources import Recording
 
@@ -90,10 +89,10 @@ class _Sightings(NamedTuple):
     """
 
     pixels: FloatArray
-    mark: npt.NDArray[np.intp]
+    mark: IndexArray
     marks: int
     lean: FloatArray
-    initial: npt.NDArray[np.bool_]
+    initial: BoolArray
 
 
 class _Fit(NamedTuple):
@@ -132,7 +131,7 @@ def _fitted(
 ) -> ImuCalibration:
     """By least squares, thrice, without what the fit before shows to be marked wrongly; images: all, and standing."""
     pixels = seen.pixels
-    kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=1))
+    kept: BoolArray = np.asarray(np.isfinite(pixels).all(axis=1))
     f = monomials(pixels, seen.lean[:, 0], seen.lean[:, 1])
     for _ in range(3):
         fit = _equation_2(seen, kept, f[:, : PAPER_SHAPE[1]]) if paper else _homography(seen, kept, camera)
@@ -148,7 +147,7 @@ def _fitted(
     return ImuCalibration(correction, rms[0], rms[1], seen.marks, *images, left_out, pixels, corrected)
 
 
-def _equation_2(seen: _Sightings, kept: npt.NDArray[np.bool_], f: FloatArray) -> _Fit:
+def _equation_2(seen: _Sightings, kept: BoolArray, f: FloatArray) -> _Fit:
     """Equation (2). Initial coordinates c* that are not known, of a robot that never stood, are estimated with C."""
     pixels, mark, initial = seen.pixels, seen.mark, seen.initial & kept
     if all(initial[mark == k].any() for k in range(seen.marks)):
@@ -160,7 +159,7 @@ def _equation_2(seen: _Sightings, kept: npt.NDArray[np.bool_], f: FloatArray) ->
     return _Fit(np.column_stack((solved[seen.marks :].T, np.zeros(2))), solved[: seen.marks])
 
 
-def _homography(seen: _Sightings, kept: npt.NDArray[np.bool_], camera: PinholeCamera) -> _Fit:
+def _homography(seen: _Sightings, kept: BoolArray, camera: PinholeCamera) -> _Fit:
     """x* (1 + C₃ f) - C f = c, x* and C unknown; the constant is in x*.
 
     In focal lengths from the principal point, where a camera's rotation has coefficients of order one: so those that

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.directions import (
     around,
@@ -27,7 +26,7 @@ from touchline.calibration.strip_recording import ground_start, read_bearings, r
 from touchline.camera import OmniCamera
 from touchline.camera.model_free import SUPPORT, Edges, calibrated_camera
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, circular_mean, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
 
 _FAR_PX = 2.0
@@ -173,9 +172,7 @@ def _camera(
     return camera, int(spoilt.sum())
 
 
-def _check_ends(
-    missing: npt.NDArray[np.bool_], sightings: Sequence[Sighting], strip: Strip, recording: Recording
-) -> None:
+def _check_ends(missing: BoolArray, sightings: Sequence[Sighting], strip: Strip, recording: Recording) -> None:
     """Raises InputError, naming an image, where the first or last edge (missing: (S, E)) is not seen in most images."""
     for k in np.flatnonzero(missing.mean(axis=0) > _MAX_MISSING):
         image, others = sightings[int(np.argmax(missing[:, k]))].name, missing[:, k].sum() - 1

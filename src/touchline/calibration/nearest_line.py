@@ -3,10 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field.distances import LineTables
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IndexArray
 
 _ROUNDED_M = 1e-6
 
@@ -17,11 +16,11 @@ class NearestLine(NamedTuple):
     that way; whether the place lies past a segment's end; how far the next line is (m).
     """
 
-    line: npt.NDArray[np.intp]
+    line: IndexArray
     along: FloatArray
     distance_m: FloatArray
     normal: FloatArray
-    is_beyond: npt.NDArray[np.bool_]
+    is_beyond: BoolArray
     next_m: FloatArray
 
     @property

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.perspective_bundle import DISTORTION, FOCAL, HEIGHT, NAMES, PITCH, ROLL, camera_at
 from touchline.errors import NoFitError
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, IndexArray, Pose
 from touchline.localization.registration.registration import CLUTTER_PER_M
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.types import Observation
@@ -122,7 +121,7 @@ def _square_cameras(seen: Sequence[Observation], model: str, size: tuple[int, in
     return found
 
 
-def _squareness_cost(rays: FloatArray, image: npt.NDArray[np.intp]) -> float:
+def _squareness_cost(rays: FloatArray, image: IndexArray) -> float:
     """What lines of images (M,) lack of being parallel or at right angles: rays (3, M, 2, 3) to both ends, as seen and
     with the first and the second a pixel aside.
     """

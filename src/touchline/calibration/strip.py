@@ -10,10 +10,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, Float32Array, FloatArray, IntArray
 from touchline.types import ImageArray
 
 RAYS = 720
@@ -21,7 +20,6 @@ STEP_PX = 0.5
 SMOOTHING_PX = 0.8
 MIN_SLOPE = 0.04  # of an edge, in shares of white's tone per pixel: half of what black beside shaded green has
 CANNY = (30.0, 90.0)
-FLOAT32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -31,7 +29,7 @@ class Strip:
     """
 
     edges_m: FloatArray
-    signs: npt.NDArray[np.int64]
+    signs: IntArray
     half_width_m: float
 
 
@@ -67,7 +65,7 @@ def read_strip(sequence: Mapping[str, Any], path: Path) -> Strip:
     return Strip(edges, first * (-1) ** np.arange(len(edges)), half_width)
 
 
-def light_of(image: ImageArray, gamma: float) -> FLOAT32:
+def light_of(image: ImageArray, gamma: float) -> Float32Array:
     """Linear brightness (H, W) of an image (H, W, 3), 1 = its own white: blur moves no edge in linear light."""
     levels = ((np.arange(256) / 255.0) ** gamma).astype(np.float32)
     light = cv2.transform(levels[image], np.array([[0.25, 0.5, 0.25]], dtype=np.float32))
@@ -75,7 +73,7 @@ def light_of(image: ImageArray, gamma: float) -> FLOAT32:
     return (light / max(white, 1e-6)).astype(np.float32)
 
 
-def canny_edges(image: ImageArray) -> npt.NDArray[np.bool_]:
+def canny_edges(image: ImageArray) -> BoolArray:
     """(H, W) pixels on or beside an edge after Canny."""
     grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (0, 0), SMOOTHING_PX)
     edges = cv2.Canny(grey, *CANNY, L2gradient=True)
@@ -86,9 +84,9 @@ def canny_edges(image: ImageArray) -> npt.NDArray[np.bool_]:
 class View:
     """One image prepared for the search: linear brightness (H, W), its square root, and its Canny edges."""
 
-    light: FLOAT32
-    tone: FLOAT32
-    edges: npt.NDArray[np.bool_]
+    light: Float32Array
+    tone: Float32Array
+    edges: BoolArray
 
     @classmethod
     def of(cls, image: ImageArray, gamma: float) -> View:
@@ -96,16 +94,16 @@ class View:
         light = light_of(image, gamma)
         return cls(light, np.sqrt(light), canny_edges(image))
 
-    def sample(self, u: FloatArray, v: FloatArray) -> FLOAT32:
+    def sample(self, u: FloatArray, v: FloatArray) -> Float32Array:
         """Linear brightness, bilinear, at pixels (M, N); 0 outside."""
         return _sample(self.light, u, v)
 
-    def sample_tone(self, u: FloatArray, v: FloatArray) -> FLOAT32:
+    def sample_tone(self, u: FloatArray, v: FloatArray) -> Float32Array:
         """Its square root, in which black stands off from green as it does for the eye."""
         return _sample(self.tone, u, v)
 
 
-def _sample(image: FLOAT32, u: FloatArray, v: FloatArray) -> FLOAT32:
+def _sample(image: Float32Array, u: FloatArray, v: FloatArray) -> Float32Array:
     columns, rows = u.astype(np.float32), v.astype(np.float32)
     sampled = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return sampled.astype(np.float32, copy=False)
@@ -158,7 +156,7 @@ def _with_ends(radii_px: FloatArray) -> FloatArray:
     return radii
 
 
-def _alternating(peaks: npt.NDArray[np.int64], slope: FLOAT32) -> npt.NDArray[np.int64]:
+def _alternating(peaks: IntArray, slope: Float32Array) -> IntArray:
     """Peaks of alternating sign: of neighbours of one sign the steepest."""
     kept: list[int] = []
     for index in peaks:
@@ -170,9 +168,7 @@ def _alternating(peaks: npt.NDArray[np.int64], slope: FLOAT32) -> npt.NDArray[np
     return np.array(kept, dtype=np.int64)
 
 
-def _best_window(
-    at: npt.NDArray[np.int64], slope: FLOAT32, light: FLOAT32, signs: npt.NDArray[np.int64]
-) -> tuple[float, npt.NDArray[np.int64]]:
+def _best_window(at: IntArray, slope: Float32Array, light: Float32Array, signs: IntArray) -> tuple[float, IntArray]:
     """Contrast between the darkest white and the brightest black of the best run of edges; 0 without one."""
     n = len(signs)
     best, where = 0.0, np.zeros(n, dtype=np.int64)
@@ -189,7 +185,7 @@ def _best_window(
     return best, where
 
 
-def _tight_ends(run: npt.NDArray[np.int64], peaks: npt.NDArray[np.int64], slope: FLOAT32) -> npt.NDArray[np.int64]:
+def _tight_ends(run: IntArray, peaks: IntArray, slope: Float32Array) -> IntArray:
     """The run with its first and last edge as near to the others as there is a peak of their sign: steeper ones
     further in or out are the robot's, or a field line's.
     """

@@ -10,10 +10,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.strip import Strip, View
-from touchline.geometry import FloatArray, circular_mean, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, circular_mean, wrap_angles
 
 FINE_PX = 0.25
 _WIDTH_TOLERANCE = 0.1  # of half the strip's width, and in pixels: what it may be seen wider or narrower ...
@@ -141,8 +140,8 @@ def common_center(axes: list[FloatArray]) -> FloatArray:
 
 
 def trimmed_lstsq(
-    rows: FloatArray, values: FloatArray, least: float, keep: npt.NDArray[np.bool_] | None = None
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    rows: FloatArray, values: FloatArray, least: float, keep: BoolArray | None = None
+) -> tuple[FloatArray, BoolArray]:
     """Least squares of rows (N, K) @ solution (K,) = values (N,) without what lies far off, and what was kept (N,).
 
     least: deviation that is never far. keep: (N,), what may count at first. NaN never counts.

@@ -11,9 +11,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import BoolArray, FloatArray, Pose3
 
-Mask = npt.NDArray[np.bool_]
 # half a pixel to all sides of one, and itself
 _AROUND = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
 
@@ -62,16 +61,16 @@ class Camera(Protocol):
     ) -> FloatArray:
         """(N, 2, 2) covariances (m²) of ground points: the pixels' noise on the ground, and the ground's own."""
 
-    def sees(self, pixels: FloatArray) -> Mask:
+    def sees(self, pixels: FloatArray) -> BoolArray:
         """Whether pixels (N, 2) lie in the part of the image that shows the field; False for NaN."""
 
 
-def field_of_view(camera: Camera, base_from_camera: Pose3 | None = None) -> Mask:
+def field_of_view(camera: Camera, base_from_camera: Pose3 | None = None) -> BoolArray:
     """(H, W): the pixels in which the camera can see the ground."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     pixels = np.column_stack((u.ravel(), v.ravel())).astype(np.float64)
     ground = camera.ground_from_image(pixels, base_from_camera)
-    mask: Mask = camera.sees(pixels) & np.isfinite(ground).all(axis=1)
+    mask: BoolArray = camera.sees(pixels) & np.isfinite(ground).all(axis=1)
     return mask.reshape(camera.height, camera.width)
 
 

@@ -9,7 +9,6 @@ from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera.base import Camera
@@ -17,11 +16,10 @@ from touchline.camera.exposure_search import EntropySearch, PathSettings, Search
 from touchline.camera.omni import require_omni
 from touchline.config import Settings, added
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.types import ImageArray
 
 OVEREXPOSED = 250  # grey level from which a channel counts as overexposed
-Mask = npt.NDArray[np.bool_]
 
 
 class ExposureCamera(Protocol):
@@ -76,7 +74,7 @@ class ExposureSettings(Settings):
     search: SearchSettings = SearchSettings()
 
 
-def image_entropy(image: ImageArray, mask: Mask | None = None) -> float:
+def image_entropy(image: ImageArray, mask: BoolArray | None = None) -> float:
     """Entropy (nats) of an image (H, W, 3): that of its three histograms of 256 levels, added (eq. 5).
 
     mask: (H, W), pixels that count; all without it. Raises InputError if none counts.
@@ -92,7 +90,7 @@ def image_entropy(image: ImageArray, mask: Mask | None = None) -> float:
     return total
 
 
-def mirror_masks(camera: Camera) -> tuple[Mask, Mask]:
+def mirror_masks(camera: Camera) -> tuple[BoolArray, BoolArray]:
     """(H, W) pixels of the robot's own top, and of the field around it, as camera.yaml's radii divide them.
 
     Raises InputError for a camera that does not look at a mirror.
@@ -113,7 +111,7 @@ class ExposureControl:
     def __init__(
         self,
         camera: ExposureCamera,
-        masks: tuple[Mask, Mask],
+        masks: tuple[BoolArray, BoolArray],
         settings: ExposureSettings | None = None,
         start_ms: float = 20.0,
     ) -> None:

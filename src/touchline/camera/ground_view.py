@@ -7,7 +7,6 @@ tilts); the learned correction of the IMU, on the image of a level robot; the le
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import numpy.typing as npt
 
 from touchline.camera.base import Camera, ground_jacobian, pixel_covariances, pose_in_base
@@ -15,7 +14,7 @@ from touchline.camera.fisheye import FisheyeCamera
 from touchline.camera.imu_correction import ImuCorrection
 from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import BoolArray, FloatArray, Pose3
 
 PerspectiveCamera = PinholeCamera | FisheyeCamera  # with a lens, and an optical axis
 MAX_LEAN_RAD = math.radians(60.0)  # a robot that leans more has fallen, and its lines are no lines on the ground
@@ -57,7 +56,7 @@ class GroundView:
             raise InputError(f"what stands upright is sought with a perspective camera; this one is a {self.model}")
         return self._leaning(self.camera.image_from_base(points, self.base_from_camera))
 
-    def sees(self, pixels: FloatArray) -> npt.NDArray[np.bool_]:
+    def sees(self, pixels: FloatArray) -> BoolArray:
         """Whether pixels (N, 2) lie in the part of the image that shows the field; False for NaN."""
         return self.camera.sees(pixels)
 

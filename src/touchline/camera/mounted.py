@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera.base import Camera, Mask, ground_jacobian, ground_of_rays, pixel_covariances
+from touchline.camera.base import Camera, ground_jacobian, ground_of_rays, pixel_covariances
 from touchline.camera.reading import (
     check_inner_keys,
     check_keys,
@@ -24,7 +24,7 @@ from touchline.camera.reading import (
     read_switch,
 )
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import BoolArray, FloatArray, Pose3
 
 LENS_KEYS = ("fx", "fy", "cx", "cy")
 _KEYS = ("width", "height", *LENS_KEYS, "mount")
@@ -98,7 +98,7 @@ def ground_covariances(
     return pixel_covariances(jacobians, noise_px, noise_m)
 
 
-def sees(camera: LensCamera, pixels: FloatArray) -> Mask:
+def sees(camera: LensCamera, pixels: FloatArray) -> BoolArray:
     """Whether pixels (N, 2) lie in the image; False for NaN."""
     u, v = pixels[:, 0], pixels[:, 1]
     return (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)

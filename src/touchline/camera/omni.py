@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from touchline.camera.base import Camera, Mask, ground_jacobian, ground_of_rays, pixel_covariances
+from touchline.camera.base import Camera, ground_jacobian, ground_of_rays, pixel_covariances
 from touchline.camera.reading import (
     check_inner_keys,
     check_keys,
@@ -27,7 +27,7 @@ from touchline.camera.reading import (
 )
 from touchline.camera.uncertainty import CameraUncertainty, read_uncertainty, usual_uncertainty
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import BoolArray, FloatArray, Pose3
 from touchline.messages import shown
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
@@ -148,7 +148,7 @@ class OmniCamera:
         jacobians = ground_jacobian(lambda uv: self.ground_from_image(uv, base_from_camera), pixels)
         return pixel_covariances(jacobians, noise_px, noise_m)
 
-    def sees(self, pixels: FloatArray) -> Mask:
+    def sees(self, pixels: FloatArray) -> BoolArray:
         """Whether pixels (N, 2) lie between the inner and the outer radius; False for NaN."""
         radius = np.hypot(pixels[:, 0] - self.center[0], pixels[:, 1] - self.center[1])
         return (radius >= self.inner_radius_px) & (radius <= self.outer_radius_px)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, wrap_angle, wrap_angles
+from touchline.geometry import BoolArray, ByteArray, FloatArray, wrap_angle, wrap_angles
 from touchline.perception.covered import is_covered
 from touchline.sources.folder import Recording
 from touchline.types import Frame, ImageArray, Observation, Samples
@@ -30,7 +30,7 @@ _RIM_TOLERANCE_PX = 1.5
 _BEARINGS = 360
 _RINGS = 12
 
-Mask = npt.NDArray[np.uint8]
+Mask = ByteArray
 GrayArray = npt.NDArray[Any]  # what OpenCV's type hints return for uint8
 
 
@@ -196,10 +196,10 @@ class Survey:
     brightness: FloatArray
     saturated: FloatArray
     sharpness: FloatArray
-    black: npt.NDArray[np.bool_]
-    frozen: npt.NDArray[np.bool_]
+    black: BoolArray
+    frozen: BoolArray
     motion: FloatArray
-    changed: npt.NDArray[np.bool_]
+    changed: BoolArray
     turn_rad: FloatArray
     turn_score: FloatArray
     rims: list[tuple[int, Rim]] = field(default_factory=list)
@@ -239,7 +239,7 @@ class Survey:
         """(N - 1,) by how much an angle of MOTION_COLUMNS turns from image to image (rad)."""
         return wrap_angles(np.diff(self.column(name)))
 
-    def column_changed(self, name: str) -> npt.NDArray[np.bool_]:
+    def column_changed(self, name: str) -> BoolArray:
         """Whether one of MOTION_COLUMNS changed since the image before (N,)."""
         return self.changed[:, MOTION_COLUMNS.index(name)]
 
@@ -315,7 +315,7 @@ class _ImageTaker:
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
         self._rim_step = max(len(survey.recording) // RIM_IMAGES, 1)
-        self._before: npt.NDArray[np.uint8] | None = None
+        self._before: ByteArray | None = None
         self._mask: Mask | None = None
         self._gauge: TurnGauge | None = None
         self._circle: tuple[tuple[float, float], float] | None = None

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.config import leaves
 from touchline.errors import InputError
-from touchline.evaluation.metrics import BoolArray, associate, signed_errors
+from touchline.evaluation.metrics import associate, signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_data import RIGHT_M, RIGHT_RAD, RunData
 from touchline.evaluation.timeline import Chart, Curve, page_data, run_tree, shown_rows, truth_tree
 from touchline.evaluation.web_page import html_page, time_panel
-from touchline.geometry import FloatArray, runs_of, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, IntArray, runs_of, wrap_angles
 from touchline.sources import Recording
 from touchline.types import Status
 
@@ -43,7 +42,7 @@ class Compared:
     name: str
     run: Run
     data: RunData
-    row: npt.NDArray[np.int64]
+    row: IntArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -251,7 +250,7 @@ def parting_lines(compared: Comparison) -> list[str]:
     return lines
 
 
-def _tree(one: Compared, rows: npt.NDArray[np.int64], color: str) -> dict[str, object]:
+def _tree(one: Compared, rows: IntArray, color: str) -> dict[str, object]:
     """A run's places at the first run's rows; nothing where it has no image."""
     tree = run_tree(one.name, one.data, np.maximum(one.row[rows], 0), color)
     missing = np.flatnonzero(one.row[rows] < 0)
@@ -261,7 +260,7 @@ def _tree(one: Compared, rows: npt.NDArray[np.int64], color: str) -> dict[str, o
     return tree
 
 
-def _charts(compared: Comparison, rows: npt.NDArray[np.int64]) -> list[Chart]:
+def _charts(compared: Comparison, rows: IntArray) -> list[Chart]:
     """Errors of position and heading where the truth is known; the distance from the first run."""
     charts: list[Chart] = []
     tracked = np.array(

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
 from touchline.files.opened import text_lines
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, Float32Array, FloatArray, Int32Array, Pose
 from touchline.types import Estimate, Hypothesis, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
@@ -50,31 +50,31 @@ class EstimateTable:
     """
 
     trajectory: Samples
-    covariance: npt.NDArray[np.float32]
+    covariance: Float32Array
     status: npt.NDArray[np.int8]
-    residual_m: npt.NDArray[np.float32]
-    points: npt.NDArray[np.int32]
-    perception_ms: npt.NDArray[np.float32]
-    localization_ms: npt.NDArray[np.float32]
+    residual_m: Float32Array
+    points: Int32Array
+    perception_ms: Float32Array
+    localization_ms: Float32Array
     mode: npt.NDArray[np.int8]
-    probability: npt.NDArray[np.float32]
-    twin_probability: npt.NDArray[np.float32]
-    end_probability: npt.NDArray[np.float32]
-    protection_m: npt.NDArray[np.float32]
-    protection_rad: npt.NDArray[np.float32]
-    statistics: Mapping[str, npt.NDArray[np.float32]]
-    reason: npt.NDArray[np.int32]
+    probability: Float32Array
+    twin_probability: Float32Array
+    end_probability: Float32Array
+    protection_m: Float32Array
+    protection_rad: Float32Array
+    statistics: Mapping[str, Float32Array]
+    reason: Int32Array
     reasons: Sequence[str]
 
     def __len__(self) -> int:
         return len(self.trajectory)
 
-    def has_status(self, status: Status) -> npt.NDArray[np.bool_]:
+    def has_status(self, status: Status) -> BoolArray:
         """Which rows (N,) have this status."""
         return self.status == _STATUSES.index(status)
 
     @property
-    def std(self) -> npt.NDArray[np.float32]:
+    def std(self) -> Float32Array:
         """(N, 3) standard deviations (m, m, rad)."""
         return np.sqrt(self.covariance[:, [0, 3, 5]])
 
@@ -84,7 +84,7 @@ class EstimateTable:
         return np.column_stack((self.protection_m, self.protection_rad)).astype(np.float64)
 
     @property
-    def end_open(self) -> npt.NDArray[np.bool_]:
+    def end_open(self) -> BoolArray:
         """(N,) whether the twin at the other end of the field is so likely that the end is open."""
         return self.end_probability < END_DECIDED
 

@@ -11,15 +11,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.evaluation.protection import ALERT_LIMIT_M, ALERT_LIMIT_RAD, ProtectionStatistics, protection_text
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from touchline.types import Samples
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 
 class NothingToCompareError(InputError):

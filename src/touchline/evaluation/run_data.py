@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.metrics import BoolArray, Errors, ErrorStatistics, errors_given_end, within
+from touchline.evaluation.metrics import Errors, ErrorStatistics, errors_given_end, within
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.types import Samples, Status
 
 RIGHT_M, RIGHT_RAD = 0.3, float(np.radians(10.0))
@@ -65,7 +64,7 @@ class RunData:
             return None
         return Errors(self.errors.rows[begun], self.errors.stamp_ns[begun], self.errors.values[begun])
 
-    def seconds(self, stamp_ns: npt.NDArray[np.int64]) -> FloatArray:
+    def seconds(self, stamp_ns: IntArray) -> FloatArray:
         """Time since the first frame (s)."""
         start = self.table.trajectory.stamp_ns[0] if len(self.table) else 0
         return (stamp_ns - start) / 1e9
@@ -139,7 +138,7 @@ class RunData:
         return self.table.has_status(Status.TRACKING)[self.errors.rows]
 
 
-def carried_rows(poses: FloatArray) -> npt.NDArray[np.int64]:
+def carried_rows(poses: FloatArray) -> IntArray:
     """Rows of true poses (N, 3), in m, to which the robot did not drive: it was carried there."""
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     usual = float(np.median(steps)) if len(steps) else 0.0

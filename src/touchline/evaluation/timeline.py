@@ -20,7 +20,7 @@ from touchline.evaluation.metrics import associate, within
 from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.runner import Thumbnail
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.palette import SERIES
 from touchline.types import Mode, Status
 
@@ -54,11 +54,11 @@ class Chart:
     unit: str
     digits: int
     curves: Sequence[Curve]
-    calm: npt.NDArray[np.bool_] | None = None
+    calm: BoolArray | None = None
     signed: bool = True
 
 
-def shown_rows(data: RunData) -> npt.NDArray[np.int64]:
+def shown_rows(data: RunData) -> IntArray:
     """The rows of a run that a page shows: all, or of each stretch the first and that with the largest error."""
     count = len(data.table)
     if count <= MAX_ROWS:
@@ -75,7 +75,7 @@ def page_data(
     data: RunData,
     charts: Sequence[Chart],
     runs: Sequence[dict[str, Any]],
-    rows: npt.NDArray[np.int64],
+    rows: IntArray,
     thumbnails: Sequence[Thumbnail] = (),
     histogram: dict[str, Any] | None = None,
 ) -> str:
@@ -104,7 +104,7 @@ def page_data(
     return json.dumps(tree, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
-def run_tree(name: str, data: RunData, rows: npt.NDArray[np.int64], color: str = "") -> dict[str, Any]:
+def run_tree(name: str, data: RunData, rows: IntArray, color: str = "") -> dict[str, Any]:
     """A run's places and statuses at these rows, for the slider and the picture of the path.
 
     color: the stylesheet's name of that of its dots; by default each dot has that of `dot_colors`.
@@ -129,7 +129,7 @@ def dot_colors(data: RunData) -> npt.NDArray[np.object_]:
     return colors
 
 
-def truth_tree(data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any] | None:
+def truth_tree(data: RunData, rows: IntArray) -> dict[str, Any] | None:
     """The true places at these rows; None without truth."""
     if data.truth is None or not len(data.truth):
         return None
@@ -138,7 +138,7 @@ def truth_tree(data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any] | N
     return {"name": "truth", "marker": "truth-place", "status": None, "dots": None, **_places(poses)}
 
 
-def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
+def error_charts(data: RunData, rows: IntArray) -> list[Chart]:
     """Errors of x, y (cm) and heading (°) with ± 2σ since the robot was first located, and what was seen."""
     charts = []
     errors = data.errors_since_located()
@@ -160,7 +160,7 @@ def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
     return charts
 
 
-def _protection_charts(data: RunData, errors: FloatArray, rows: npt.NDArray[np.int64]) -> Iterator[Chart]:
+def _protection_charts(data: RunData, errors: FloatArray, rows: IntArray) -> Iterator[Chart]:
     """Protection levels at these rows, with the size of the errors (K, 3) where they are known."""
     sizes = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
     named = (("position", 100.0, "cm", data.table.protection_m), ("heading", _DEGREES, "°", data.table.protection_rad))
@@ -171,7 +171,7 @@ def _protection_charts(data: RunData, errors: FloatArray, rows: npt.NDArray[np.i
             yield Chart(f"Protection level of the {name}", unit, 2, curves, signed=False)
 
 
-def _statistics_charts(data: RunData, rows: npt.NDArray[np.int64]) -> Iterator[Chart]:
+def _statistics_charts(data: RunData, rows: IntArray) -> Iterator[Chart]:
     """The consistency statistics in one chart; none of systems without a monitor."""
     statistics = [(name, values[rows].astype(np.float64)) for name, values in data.table.statistics.items()]
     curves = [Curve(name, f"run-{k % len(SERIES)}", values) for k, (name, values) in enumerate(statistics)]
@@ -244,7 +244,7 @@ def _places(poses: FloatArray) -> dict[str, Any]:
     return {"x": _numbers(poses[:, 0], 3), "y": _numbers(poses[:, 1], 3), "h": _numbers(_DEGREES * poses[:, 2], 1)}
 
 
-def _gaps(data: RunData, stamps: npt.NDArray[np.int64]) -> list[int]:
+def _gaps(data: RunData, stamps: IntArray) -> list[int]:
     """Rows before which the robot was carried, so that no curve goes on across."""
     times = data.seconds(stamps)
     carried = [int(np.searchsorted(times, kidnap_s)) for kidnap_s in data.kidnaps_s()]
@@ -279,7 +279,7 @@ def _short(phrase: str) -> str:
     return head if len(head) <= _MAX_LABEL else f"{head[: _MAX_LABEL - 1]}…"
 
 
-def _nearest(stamps: npt.NDArray[np.int64], stamp_ns: int) -> int:
+def _nearest(stamps: IntArray, stamp_ns: int) -> int:
     return int(np.argmin(np.abs(stamps - stamp_ns)))
 
 

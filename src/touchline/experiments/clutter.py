@@ -10,9 +10,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from touchline.experiments.drives import BoolArray, Drive
+from touchline.experiments.drives import Drive
 from touchline.experiments.injections import Change, Random, seen_as
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, FloatArray, Pose
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.types import Crossings, Frame, LinePoints, Lines, Observation, generic_covariances, points_at
 

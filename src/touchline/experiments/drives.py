@@ -6,15 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.config import Settings
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, IntArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
@@ -22,7 +21,6 @@ from touchline.systems import RobotSetup, open_system
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Prior, Samples, Status
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
 NEAR_M, NEAR_RAD = 0.3, math.radians(10.0)  # within it a robot is found
 WRONG_M, WRONG_RAD = 0.5, 0.5  # beyond it a pose is wrong
 KIDNAP_M, KIDNAP_RAD, TWIN_M = 1.0, math.radians(30.0), 0.5  # kidnaps that count: so far, and not to the twin
@@ -96,7 +94,7 @@ class Track:
     truth: FloatArray
     tracking: BoolArray
     covariances: FloatArray = field(default_factory=_no_rows)
-    points: npt.NDArray[np.int64] = field(default_factory=_no_rows)
+    points: IntArray = field(default_factory=_no_rows)
     twin_named: BoolArray = field(default_factory=_no_rows)
 
     @property

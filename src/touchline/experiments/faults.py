@@ -28,10 +28,10 @@ from touchline.experiments.catalogue import (
     laid,
     pairs,
 )
-from touchline.experiments.drives import BoolArray, Drive, estimates_of, longest, track_of
+from touchline.experiments.drives import Drive, estimates_of, longest, track_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed
 from touchline.experiments.scenes import new_figure
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.messages import without_numbers
 from touchline.types import Estimate
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from touchline.camera import PinholeCamera
-from touchline.experiments.drives import BoolArray, Drive
+from touchline.experiments.drives import Drive
 from touchline.field import open_field
-from touchline.geometry import FloatArray, Pose, Pose3, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, Pose, Pose3, wrap_angles
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.simulation.observation.features import turned

@@ -10,7 +10,6 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline import palette
@@ -22,7 +21,7 @@ from touchline.experiments.injections import covered
 from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording, way
 from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
-from touchline.geometry import FloatArray, runs_of
+from touchline.geometry import FloatArray, IntArray, runs_of
 from touchline.simulation.scenario import open_scenario
 from touchline.types import Mode
 
@@ -76,7 +75,7 @@ def recorded_tour(seed: int, paper: bool = False) -> iris.IrisDrive | None:
     return None if source is None else iris.drive(drive_of(source), seed, paper)
 
 
-def standing(driven: iris.IrisDrive) -> list[npt.NDArray[np.int64]]:
+def standing(driven: iris.IrisDrive) -> list[IntArray]:
     """Which images (M,) were taken at each place, in order: neighbours with the same true pose.
 
     No more than 20 places: a simulated tour begins anew after them.

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
@@ -18,7 +17,7 @@ from touchline.config import Settings
 from touchline.experiments.drives import Drive, Track, drive_of
 from touchline.experiments.harness import gathered
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, IntArray, Pose, wrap_angles
 from touchline.localization.published.iris.modes import MIN_POINTS
 from touchline.localization.published.iris.particles import IrisParticles
 from touchline.motion import DeadReckoning, MotionHistory
@@ -49,9 +48,9 @@ class IrisDrive:
 
     field: FieldModel
     tracks: Mapping[str, Track]
-    seen: npt.NDArray[np.bool_]
+    seen: BoolArray
     modes: tuple[Mode | None, ...]
-    before_ns: npt.NDArray[np.int64]
+    before_ns: IntArray
 
     @property
     def fused(self) -> Track:

@@ -11,11 +11,11 @@ from itertools import chain
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.drives import FOOLED_FRAMES, NEAR_M, NEAR_RAD, BoolArray, driven, followed, longest
+from touchline.experiments.drives import FOOLED_FRAMES, NEAR_M, NEAR_RAD, driven, followed, longest
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, rate, spread
 from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, random_place, the_camera, the_views
 from touchline.field import FieldModel, open_field
-from touchline.geometry import Pose, wrap_angle
+from touchline.geometry import BoolArray, Pose, wrap_angle
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.systems.nubot_mcl import NubotMcl
 from touchline.systems.nubot_mti import NubotMti

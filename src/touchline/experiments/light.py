@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, leaning
@@ -19,7 +18,7 @@ from touchline.evaluation.feature_truth import Tally, TrueFeatures
 from touchline.experiments.clutter import distances_to_segment
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, share_text, spread
 from touchline.experiments.scenes import BLUE, RED, new_figure
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, Float32Array, FloatArray, Pose
 from touchline.motion import LeanFilter
 from touchline.perception import observe
 from touchline.simulation.cameras.image_sensor import ImageSensor
@@ -86,9 +85,9 @@ class Truth(NamedTuple):
     lie on the outer lines; circle: whether a third of it is among them.
     """
 
-    paint: npt.NDArray[np.float32]
+    paint: Float32Array
     places: FloatArray
-    outer: npt.NDArray[np.bool_]
+    outer: BoolArray
     circle: bool
 
 
@@ -121,7 +120,7 @@ def images(run: Simulation, cloud: bool = False) -> list[tuple[Frame, Truth]]:
     return found
 
 
-def exposed(radiance: npt.NDArray[np.float32]) -> tuple[float, float]:
+def exposed(radiance: Float32Array) -> tuple[float, float]:
     """Exposure (ms) and gain at which the mean of what a sensor gives, at most 1 each, is `_EXPOSED`."""
     green = radiance[::4, ::4, 1]
     green = green[green > 0.0]
@@ -133,7 +132,7 @@ def exposed(radiance: npt.NDArray[np.float32]) -> tuple[float, float]:
     return exposure, min(max(product_ms / exposure, 1.0), _MAX_GAIN)
 
 
-def _truth(run: Simulation, pose: Pose, attitude: tuple[float, float], paint: npt.NDArray[np.float32]) -> Truth:
+def _truth(run: Simulation, pose: Pose, attitude: tuple[float, float], paint: Float32Array) -> Truth:
     camera, field = run.camera_model, run.field
     reach_m = REACH_M["mirror" if isinstance(camera, SimulatedOmniCamera) else "humanoid"]
     rows = []

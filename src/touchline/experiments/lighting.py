@@ -28,7 +28,7 @@ from touchline.experiments.harness import (
     together,
 )
 from touchline.experiments.scenes import BLUE, RED, dots, new_figure, way
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception import LinePointDetector
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.simulation.run import Simulation
@@ -100,7 +100,7 @@ class Run:
 
     track: Track
     stops: npt.NDArray[np.float64]
-    searched: npt.NDArray[np.bool_]
+    searched: BoolArray
 
     @property
     def errors(self) -> ErrorTable | None:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.camera.exposure import ExposureControl, ExposureSettings, Mask, image_entropy, mirror_masks
+from touchline.camera.exposure import ExposureControl, ExposureSettings, image_entropy, mirror_masks
 from touchline.camera.exposure_search import Tried
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, public_recording, random_place
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception import LinePointDetector
 from touchline.simulation.cameras.image_sensor import LinearImageCamera
 from touchline.simulation.run import Simulation
@@ -37,7 +37,7 @@ class Case:
 
     name: str
     camera: LinearImageCamera
-    masks: tuple[Mask, Mask]
+    masks: tuple[BoolArray, BoolArray]
     stops: FloatArray
     entropy: FloatArray
 
@@ -170,7 +170,7 @@ def _recorded_cases(recording: Recording, settings: ExposureSettings) -> list[li
     return [cases[k : k + per_place] for k in range(0, len(cases), per_place)]
 
 
-def _case(name: str, camera: LinearImageCamera, masks: tuple[Mask, Mask], settings: ExposureSettings) -> Case:
+def _case(name: str, camera: LinearImageCamera, masks: tuple[BoolArray, BoolArray], settings: ExposureSettings) -> Case:
     low, high = settings.path.stops_range
     stops = np.arange(low, high + 1e-9, _STEP_STOPS)
     mask = None if settings.whole_image else masks[1]
@@ -178,7 +178,7 @@ def _case(name: str, camera: LinearImageCamera, masks: tuple[Mask, Mask], settin
     return Case(name, camera, masks, stops, np.array(entropy))
 
 
-def _entropy(camera: LinearImageCamera, exposure_ms: float, gain: float, mask: Mask | None) -> float:
+def _entropy(camera: LinearImageCamera, exposure_ms: float, gain: float, mask: BoolArray | None) -> float:
     camera.set(exposure_ms, gain)
     return image_entropy(camera.grab(), mask)
 

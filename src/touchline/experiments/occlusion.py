@@ -11,13 +11,12 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
 from touchline.camera import Camera, require_omni
 from touchline.evaluation.metrics import ErrorTable
-from touchline.experiments.drives import BoolArray, Drive, Track, drive_of, error_figures, followed, track_of
+from touchline.experiments.drives import Drive, Track, drive_of, error_figures, followed, track_of
 from touchline.experiments.harness import (
     NONE,
     ExperimentResult,
@@ -41,7 +40,7 @@ from touchline.experiments.scenes import (
     way,
 )
 from touchline.field import FieldModel, open_field
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import GREEN, WHITE
 from touchline.simulation.recording import write_recording
@@ -292,7 +291,7 @@ def _recorded(seeds: int) -> list[tuple[Condition, Runs]]:
     return [(replace(c, name=f"recorded, {c.name}", paper=None), found) for c in CONDITIONS]
 
 
-def black_pixels(camera: Camera, sectors: Sectors) -> npt.NDArray[np.bool_]:
+def black_pixels(camera: Camera, sectors: Sectors) -> BoolArray:
     """(H, W): the pixels of sectors given in degrees about the image's centre."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     u0, v0 = require_omni(camera, "sectors about the middle are blackened in images of").center
@@ -303,7 +302,7 @@ def black_pixels(camera: Camera, sectors: Sectors) -> npt.NDArray[np.bool_]:
     return hidden
 
 
-def _blackened(image: ImageArray | None, hidden: npt.NDArray[np.bool_]) -> ImageArray | None:
+def _blackened(image: ImageArray | None, hidden: BoolArray) -> ImageArray | None:
     return None if image is None else np.where(hidden[..., np.newaxis], np.uint8(0), image)
 
 
@@ -390,7 +389,7 @@ def rendered_image(seed: int = 0) -> tuple[Simulation, ImageArray]:
 
 
 def detection_figure(
-    simulation: Simulation, image: ImageArray, hidden: Sequence[tuple[str, npt.NDArray[np.bool_] | None]]
+    simulation: Simulation, image: ImageArray, hidden: Sequence[tuple[str, BoolArray | None]]
 ) -> Figure:
     """Figures 4 and 7 of Lu, 4 and 6 of Xiong: the image, then its colour classes with the points found.
 

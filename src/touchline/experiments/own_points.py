@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline import palette
@@ -21,7 +20,7 @@ from touchline.evaluation.points.point_set import USUAL_NOISE, PointSet, polar_c
 from touchline.experiments.harness import NONE, Row, follow, interval, rate, tell
 from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import Mode, PoseSearch
 from touchline.types import LinePoints
@@ -78,7 +77,7 @@ class Kept(NamedTuple):
     near: float
     near_fixed: float
     probabilities: FloatArray
-    is_right: npt.NDArray[np.bool_]
+    is_right: BoolArray
     median_ms: float
 
 
@@ -188,7 +187,7 @@ def drawn_set(view: View, frames: int, rng: np.random.Generator) -> PointSet:
     places = _along_lines(field)
     truth: list[FloatArray] = []
     points: list[LinePoints] = []
-    clutter: list[npt.NDArray[np.bool_]] = []
+    clutter: list[BoolArray] = []
     while len(truth) < frames:
         pose = random_place(field, rng, margin_m=0.5)
         seen = _seen(pose, places, view, rng)
@@ -292,9 +291,7 @@ def _along_lines(field: FieldModel) -> FloatArray:
     return np.concatenate(found)
 
 
-def _seen(
-    pose: Pose, places: FloatArray, view: View, rng: np.random.Generator
-) -> tuple[LinePoints, npt.NDArray[np.bool_]] | None:
+def _seen(pose: Pose, places: FloatArray, view: View, rng: np.random.Generator) -> tuple[LinePoints, BoolArray] | None:
     """Points of one frame, and which of them are clutter; None where too little is in view."""
     offsets = places - pose.as_array()[:2]
     ranges = np.hypot(offsets[:, 0], offsets[:, 1])

@@ -10,11 +10,11 @@ import numpy as np
 from touchline.config import load_settings
 from touchline.evaluation.runner import robot_setup
 from touchline.experiments.clutter import false_crossings
-from touchline.experiments.drives import BoolArray, Drive, Track, drive_of, followed
+from touchline.experiments.drives import Drive, Track, drive_of, followed
 from touchline.experiments.harness import tell
 from touchline.experiments.scenes import public_recording, random_place
 from touchline.field import open_field
-from touchline.geometry import Pose
+from touchline.geometry import BoolArray, Pose
 from touchline.motion import MotionHistory
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning

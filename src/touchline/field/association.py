@@ -13,10 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.field.model import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.types import Colors, CrossingKind, LandmarkKind
-
-Indices = npt.NDArray[np.int64]
 
 CELL_M = 0.1  # of the tables: a fifth of the shortest distance between two crossings of one set
 BEYOND_M = 1.5  # how far beyond the field the tables reach: observations err, robots stand outside
@@ -47,7 +45,7 @@ class Association(NamedTuple):
     table: int
     sets: int
     turn_rad: float
-    candidates: Indices
+    candidates: IntArray
 
 
 _NOTHING = Association(NO_PLACE, 1, 0.0, np.zeros(0, np.int64))
@@ -123,11 +121,11 @@ def _landmarks(field: FieldModel) -> list[tuple[str, Colors, float, float]]:
     return found
 
 
-def _quarter(orientations_rad: FloatArray, turn_rad: float) -> Indices:
+def _quarter(orientations_rad: FloatArray, turn_rad: float) -> IntArray:
     return np.floor((orientations_rad - turn_rad) / (0.5 * math.pi) + 1e-9).astype(np.int64) % QUARTERS
 
 
-def _tables(places: FloatArray, sets: list[Indices], field: FieldModel) -> AssociationTables:
+def _tables(places: FloatArray, sets: list[IntArray], field: FieldModel) -> AssociationTables:
     half_x, half_y = 0.5 * field.length + BEYOND_M, 0.5 * field.width + BEYOND_M
     x = np.arange(-half_x, half_x + CELL_M, CELL_M)
     y = np.arange(-half_y, half_y + CELL_M, CELL_M)

@@ -5,15 +5,14 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray, pairs_of
+from touchline.geometry import Float32Array, FloatArray, pairs_of
 
 
 class MapTable(NamedTuple):
     """What the loops take of a `DistanceMap`: its samples and where the first of them lies (m, field frame)."""
 
-    values: npt.NDArray[np.float32]
+    values: Float32Array
     origin_x: float
     origin_y: float
     resolution_m: float
@@ -28,7 +27,7 @@ class DistanceMap:
     sample [0, 0]; sample [iy, ix] lies at origin_m + resolution_m * (ix, iy).
     """
 
-    values: npt.NDArray[np.float32]
+    values: Float32Array
     origin_m: FloatArray
     resolution_m: float
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.field.distances import arc_sweep
 from touchline.field.model import FieldModel, Goal, Pole
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, FloatArray
 
 Color = tuple[int, int, int]
 
@@ -74,9 +74,7 @@ def field_view(field: FieldModel, pixels_per_metre: float = 50.0, margin_m: floa
     return FieldView(width, height, float(pixels_per_metre))
 
 
-def draw_field(
-    field: FieldModel, pixels_per_metre: float = 50.0, margin_m: float | None = None
-) -> npt.NDArray[np.uint8]:
+def draw_field(field: FieldModel, pixels_per_metre: float = 50.0, margin_m: float | None = None) -> ByteArray:
     """The field from above as a BGR picture uint8 (H, W, 3), in the view of `field_view` with the same arguments.
 
     Raises InputError for a scale that makes no picture.

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field.distance_map import DistanceMap
+from touchline.geometry import Float32Array, Int32Array, IntArray
 
 CHUNK = 32  # places that are looked up together: their numbers fill a few kilobytes of the first-level cache
 OFFSETS = 2 * CHUNK  # where the offsets begin
@@ -22,7 +22,7 @@ class OffsetTable(NamedTuple):
     lies (m, field frame).
     """
 
-    values: npt.NDArray[np.float32]
+    values: Float32Array
     origin_x: float
     origin_y: float
     samples_per_m: float
@@ -40,13 +40,13 @@ def offset_table(distance_map: DistanceMap) -> OffsetTable:
 class Lookup(NamedTuple):
     """An OffsetTable laid flat, both numbers of each sample as one; where, corners: room for CHUNK places."""
 
-    samples: npt.NDArray[np.int64]
+    samples: IntArray
     width: np.int32
     limits: tuple[float, float]
     origin: tuple[float, float]
     samples_per_m: float
-    where: npt.NDArray[np.int32]
-    corners: npt.NDArray[np.int64]
+    where: Int32Array
+    corners: IntArray
 
 
 @numba.njit(cache=True)

@@ -5,9 +5,8 @@ from bisect import bisect_left, bisect_right
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.types import MAX_VALUE, Samples
 
 NANOSECONDS = 1e9
@@ -94,7 +93,7 @@ class SampleHistory:
         self._slope: tuple[int, float, FloatArray] | None = None
 
     @property
-    def arrays(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    def arrays(self) -> tuple[IntArray, FloatArray]:
         """Stamps (N,) and values (N, columns), not to be changed."""
         end = self._forgotten + len(self)
         if end - self._begin > len(self._times):

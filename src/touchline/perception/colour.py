@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import TouchlineError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray
 from touchline.perception.colour_ellipses import FIXED, USUAL_BLACK, Ellipses
 from touchline.types import ImageArray
 
@@ -50,7 +49,7 @@ class ColourModel:
     this green; for whoever looks for these.
     """
 
-    table: npt.NDArray[np.uint8]
+    table: ByteArray
     green: FloatArray
     white: FloatArray
     noise: float
@@ -58,7 +57,7 @@ class ColourModel:
     ellipses: Ellipses = FIXED
     black: float = USUAL_BLACK
 
-    def classify(self, image: ImageArray) -> npt.NDArray[np.uint8]:
+    def classify(self, image: ImageArray) -> ByteArray:
         """Class (H, W) of every pixel of an image (H, W, 3): OTHER, GREEN or WHITE."""
         cells = image >> (8 - _BITS)
         return self.table[cells[..., 0], cells[..., 1], cells[..., 2]]
@@ -79,9 +78,7 @@ class Carpet:
     noise: float
 
 
-def learn_carpet(
-    images: Sequence[ImageArray], near: npt.NDArray[np.bool_], around: npt.NDArray[np.bool_], noise: float
-) -> Carpet:
+def learn_carpet(images: Sequence[ImageArray], near: BoolArray, around: BoolArray, noise: float) -> Carpet:
     """Learn from images (H, W, 3): green is the most frequent greenish colour in `near`, its spread that in `around`.
 
     near, around: (H, W) masks, the ring about the robot that is mostly carpet, and all of the field that is looked at.
@@ -103,7 +100,7 @@ def colour_model(carpet: Carpet, white: FloatArray | None = None) -> ColourModel
     return ColourModel(_build_table(carpet, paint, signal), carpet.green, paint, carpet.noise, signal)
 
 
-def _pixels(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> FloatArray:
+def _pixels(images: Sequence[ImageArray], mask: BoolArray) -> FloatArray:
     """Colours (N, 3) of every third pixel in the mask both ways: plenty for statistics."""
     thin = mask[::3, ::3]
     return np.concatenate([image[::3, ::3][thin] for image in images]).astype(np.float64)
@@ -149,12 +146,12 @@ def _climb(heights: FloatArray, start: tuple[np.intp, ...]) -> tuple[int, int]:
         i, j = top + int(di), left + int(dj)
 
 
-def _members(blurred: FloatArray, center: FloatArray) -> npt.NDArray[np.bool_]:
+def _members(blurred: FloatArray, center: FloatArray) -> BoolArray:
     """Which of the blurred pixels (N, 3) belong to the colour at `center`: its mode is narrowed down, then widened."""
     shares = chromaticity(blurred)
     usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > _DARKEST_SUM)
     spread = np.eye(2) * 0.015**2
-    near: npt.NDArray[np.bool_] = usable
+    near: BoolArray = usable
     for _ in range(6):
         offset = shares - center
         near = usable & (np.sum(offset @ np.linalg.inv(spread) * offset, axis=1) < 2.5**2)
@@ -169,7 +166,7 @@ def _box_blur(histogram: FloatArray) -> FloatArray:
     return sum(padded[i : i + _CELLS, j : j + _CELLS] for i in range(3) for j in range(3))  # type: ignore[return-value]
 
 
-def pixel_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> float:
+def pixel_noise(images: Sequence[ImageArray], mask: BoolArray) -> float:
     """Standard deviation (grey levels) of G against its neighbours inside the mask, from second differences."""
     spreads = [np.median(_differences(image[..., 1].astype(np.float64), mask, lag=1)) for image in images]
     return float(np.median(spreads)) / 0.6745
@@ -187,7 +184,7 @@ def smoothed(image: ImageArray, sigma_px: float) -> ImageArray:
     return cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.uint8) if sigma_px else image
 
 
-def signal_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_], model: ColourModel) -> float:
+def signal_noise(images: Sequence[ImageArray], mask: BoolArray, model: ColourModel) -> float:
     """Standard deviation of the signal on green against green four pixels away, where noise is independent again."""
     spreads = []
     for image in images:
@@ -196,7 +193,7 @@ def signal_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_], mode
     return float(np.median(spreads)) / 0.6745
 
 
-def _differences(channel: FloatArray, mask: npt.NDArray[np.bool_], lag: int) -> FloatArray:
+def _differences(channel: FloatArray, mask: BoolArray, lag: int) -> FloatArray:
     """Absolute deviations of pixels from the mean of two neighbours in their row; scaled to the noise of one pixel."""
     inside = mask[:, lag:-lag] & mask[:, 2 * lag :] & mask[:, : -2 * lag]
     second = channel[:, lag:-lag] - 0.5 * (channel[:, 2 * lag :] + channel[:, : -2 * lag])
@@ -231,7 +228,7 @@ def _cells() -> _Cells:
     return _Cells(middles, middles.sum(axis=1), chromaticity(middles))
 
 
-def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> npt.NDArray[np.uint8]:
+def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> ByteArray:
     green, cells = carpet.green, _cells()
     brightness = cells.brightness / green.sum()
     offset = cells.shares - carpet.center
@@ -249,7 +246,7 @@ def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> npt.N
     return np.where(is_green, GREEN, np.where(is_white, WHITE, OTHER)).astype(np.uint8).reshape((1 << _BITS,) * 3)
 
 
-def _overexposed_green(colours: FloatArray, green: FloatArray) -> npt.NDArray[np.bool_]:
+def _overexposed_green(colours: FloatArray, green: FloatArray) -> BoolArray:
     """Sun-lit carpet whose G is at its limit: B and R still go on together.
 
     Up to 0.85 of G for R: from there on it may be paint in tinted light (0.87 in a photograph).

@@ -7,9 +7,8 @@ has such ellipses for orange, blue, yellow, magenta and cyan, set by hand.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 
 COLOURED = ("blue", "yellow", "orange", "magenta", "cyan")
 USUAL_BLACK = 0.45  # of the carpet's luminance
@@ -72,7 +71,7 @@ def tinted_chroma(colours: FloatArray, white: FloatArray) -> FloatArray:
     return np.column_stack((y, u - white_u * y / white_y, v - white_v * y / white_y))
 
 
-def nearest_ellipse(tinted: FloatArray, ellipses: Ellipses, reach: float = 1.0) -> npt.NDArray[np.int64]:
+def nearest_ellipse(tinted: FloatArray, ellipses: Ellipses, reach: float = 1.0) -> IntArray:
     """(N,) index into COLOURED of the ellipse that each colour (N, 3) Y, U, V lies in, -1 for none.
 
     reach: how much larger than they are the ellipses are taken. Where two overlap, the relatively nearer one counts.
@@ -112,7 +111,7 @@ def learned_ellipse(tinted: FloatArray, prior: Ellipse, prior_pixels: float) -> 
     return Ellipse(float(u), float(v), float(shape[0, 0]), float(shape[0, 1]), float(shape[1, 1]), low, high)
 
 
-def is_black(tinted: FloatArray, black_y: float) -> npt.NDArray[np.bool_]:
+def is_black(tinted: FloatArray, black_y: float) -> BoolArray:
     """(N,) whether each colour (N, 3) Y, U, V is colourless and darker than this luminance."""
     return (tinted[:, 0] < black_y) & (np.hypot(tinted[:, 1], tinted[:, 2]) < _COLOURLESS)
 

@@ -1,11 +1,10 @@
 """Where the field's green ends in each direction, so that nothing beyond it is taken for a line."""
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from touchline.camera import OmniCamera
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.colour import GREEN
 from touchline.perception.path_samples import BODY, PathSamples
 
@@ -13,7 +12,7 @@ OVEREXPOSED = 250.0  # grey level from which on all channels tell nothing: what 
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
 
 
-def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: float) -> npt.NDArray[np.int64]:
+def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: float) -> IntArray:
     """How many samples of a ray, counted from `inner_px`, are `gap_m` on the ground at each of its samples; (S,)."""
     radii = np.arange(inner_px, outer_px)
     slope = np.gradient(np.mean(camera.range_m, axis=0), camera.radius_px)
@@ -23,10 +22,10 @@ def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: flo
 
 @njit(cache=True)
 def green_ends(
-    starts: npt.NDArray[np.int64],
+    starts: IntArray,
     rays: int,
     samples: PathSamples,
-    gaps: npt.NDArray[np.int64],
+    gaps: IntArray,
     inner_px: float,
     ends: FloatArray,
 ) -> None:
@@ -57,9 +56,7 @@ def green_ends(
 
 
 @njit(cache=True)
-def inside_green(
-    crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margins_px: FloatArray
-) -> npt.NDArray[np.bool_]:
+def inside_green(crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margins_px: FloatArray) -> BoolArray:
     """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of one of the rays about them.
 
     margins_px (N,): how far beyond it each may lie.

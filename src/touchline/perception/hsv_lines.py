@@ -14,13 +14,12 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, OmniCamera, open_camera, require_omni
 from touchline.config import Settings, added
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
 from touchline.perception.detector import check_size, image_of, with_lean
 from touchline.perception.hsv_thresholds import (
@@ -130,7 +129,7 @@ class HsvLineDetector:
         radius = np.hypot(u - mirror.center[0], v - mirror.center[1])
         self._seen = np.where(radius <= mirror.outer_radius_px, 255, 0).astype(np.uint8)
         self._body = (radius <= mirror.inner_radius_px)[::_COARSE, ::_COARSE]
-        ring: npt.NDArray[np.bool_] = (radius > mirror.inner_radius_px) & (radius < 0.8 * self.outer_px)
+        ring: BoolArray = (radius > mirror.inner_radius_px) & (radius < 0.8 * self.outer_px)
         self._noise_rows = np.ascontiguousarray(ring[::_ROWS])
         self._ring = np.flatnonzero(ring[::_THIN, ::_THIN])
         self._closing, self._opening = (
@@ -201,7 +200,7 @@ class HsvLineDetector:
         thin = hsv[::_THIN, ::_THIN].reshape(-1, 3)[self._ring], lightness[::_THIN, ::_THIN].reshape(-1)[self._ring]
         return automatic_thresholds(*thin, self.settings.automatic)
 
-    def _field(self, green: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    def _field(self, green: ByteArray) -> ByteArray:
         """(H, W) 255 inside the convex hull of the carpet: the largest green area, what divides it closed."""
         coarse = np.ascontiguousarray(green[::_COARSE, ::_COARSE])
         coarse[self._body] = 255

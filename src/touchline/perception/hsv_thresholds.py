@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from touchline.config import Settings
+from touchline.geometry import BoolArray, ByteArray
 from touchline.perception.colour import NoCarpetError
 from touchline.types import ImageArray
 
@@ -67,13 +67,13 @@ class Thresholds:
     min_value: int
     min_lightness: int
 
-    def green(self, hsv: ImageArray) -> npt.NDArray[np.uint8]:
+    def green(self, hsv: ImageArray) -> ByteArray:
         """(H, W) 255 where an HSV image (H, W, 3) is green."""
         low, high = self.hue
         lower, upper = (low, self.min_saturation, self.min_value), (high, 255, 255)
         return np.asarray(cv2.inRange(hsv, lower, upper), dtype=np.uint8)
 
-    def white(self, hls: ImageArray) -> npt.NDArray[np.uint8]:
+    def white(self, hls: ImageArray) -> ByteArray:
         """(H, W) 255 where an HLS image (H, W, 3) is white."""
         pale, surely = round(255 * MAX_WHITE_SATURATION), round(255 * SURELY_LIGHTNESS)
         light = cv2.inRange(hls, (0, self.min_lightness, 0), (180, 255, pale))
@@ -91,8 +91,8 @@ class _Green(NamedTuple):
     """The most frequent greenish hue (of OpenCV's 180), and pixels (N,) near it, and of any greenish hue."""
 
     mode: int
-    carpet: npt.NDArray[np.bool_]
-    greenish: npt.NDArray[np.bool_]
+    carpet: BoolArray
+    greenish: BoolArray
 
 
 def _most_frequent_green(hue: ImageArray, saturation: ImageArray, value: ImageArray, least_saturation: float) -> _Green:
@@ -105,9 +105,7 @@ def _most_frequent_green(hue: ImageArray, saturation: ImageArray, value: ImageAr
     return _Green(mode, greenish & near, greenish)
 
 
-def automatic_thresholds(
-    hsv: ImageArray, lightness: npt.NDArray[np.uint8], settings: AutomaticThresholds
-) -> Thresholds:
+def automatic_thresholds(hsv: ImageArray, lightness: ByteArray, settings: AutomaticThresholds) -> Thresholds:
     """From pixels (N, 3) and (N,) about the robot: green is their most frequent greenish hue, white is far lighter.
 
     Raises NoCarpetError if too few of them are greenish.

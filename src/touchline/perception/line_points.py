@@ -9,13 +9,12 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, require_omni
 from touchline.config import Settings, added
 from touchline.errors import TouchlineError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception.colour import (
     GREEN,
     SMOOTH_NOISE,
@@ -282,10 +281,10 @@ class LinePointDetector:
         found = self._found[:count]
         return found[on_one_line(found, ROW_M, ROW_ASIDE_M, ROW_POINTS)] if s.paper.dark_floor else found
 
-    def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
+    def _see_body(self, body: BoolArray) -> None:
         self.body, self._masked = body, self.scan_lines.at_samples(body)
 
-    def _ring(self, inner_px: float, outer_px: float) -> npt.NDArray[np.bool_]:
+    def _ring(self, inner_px: float, outer_px: float) -> BoolArray:
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
         radius = np.hypot(u - self.camera.center[0], v - self.camera.center[1])
         return (radius > inner_px) & (radius < outer_px)
@@ -310,7 +309,7 @@ class LinePointDetector:
         clear = rows[rows[:, 3] >= np.median(rows[:, 3])]
         return np.median(clear[:, :3], axis=0)
 
-    def _own_body(self, images: Sequence[ImageArray]) -> npt.NDArray[np.bool_]:
+    def _own_body(self, images: Sequence[ImageArray]) -> BoolArray:
         """Pixels near the centre that are green in none of the images and hang together with the robot.
 
         What is as narrow as a line is left out, and what is white and as narrow as two: the robot may stand on one.
@@ -337,7 +336,7 @@ class LinePointDetector:
         return cv2.dilate(whole.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.bool_)
 
 
-def _bands(mask: npt.NDArray[np.bool_], widest_px: float) -> npt.NDArray[np.bool_]:
+def _bands(mask: BoolArray, widest_px: float) -> BoolArray:
     """What of a mask (H, W) is no wider than that and hangs together over a way far longer than it is wide."""
     size = int(widest_px) | 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))

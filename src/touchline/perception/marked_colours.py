@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, Float32Array, FloatArray
 from touchline.perception.colour import (
     GREEN,
     OTHER,
@@ -45,7 +44,7 @@ class Region:
     kind: str
     polygon: FloatArray
 
-    def mask(self, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    def mask(self, shape: tuple[int, int]) -> BoolArray:
         """(H, W) pixels inside."""
         inside = np.zeros(shape, dtype=np.uint8)
         cv2.fillPoly(inside, [np.rint(self.polygon).astype(np.int32)], 1)
@@ -104,7 +103,7 @@ def _noise(images: Mapping[str, ImageArray], regions: Sequence[Region]) -> float
     return float(np.median(levels))
 
 
-def _with_votes(table: npt.NDArray[np.uint8], pixels: Mapping[str, FloatArray]) -> npt.NDArray[np.uint8]:
+def _with_votes(table: ByteArray, pixels: Mapping[str, FloatArray]) -> ByteArray:
     """The table with marked pixels' classes in the cells where they lie, spread to the cells beside."""
     votes = np.zeros((3, _CELLS, _CELLS, _CELLS), dtype=np.float32)
     for kind, colours in pixels.items():
@@ -115,7 +114,7 @@ def _with_votes(table: npt.NDArray[np.uint8], pixels: Mapping[str, FloatArray]) 
     return np.where(decided, spread.argmax(axis=0), table).astype(np.uint8)
 
 
-def _spread(volume: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _spread(volume: Float32Array) -> Float32Array:
     """Sums over 3 x 3 x 3 cells."""
     padded = np.pad(volume, 1)
     n = _CELLS

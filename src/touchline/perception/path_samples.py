@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from touchline.geometry import BoolArray, ByteArray, Float32Array
 from touchline.perception.scan_lines import ScanLines
 from touchline.types import ImageArray
 
@@ -23,8 +24,8 @@ class PathSamples(NamedTuple):
     four bytes of the image each.
     """
 
-    values: npt.NDArray[np.float32]
-    classes: npt.NDArray[np.uint8]
+    values: Float32Array
+    classes: ByteArray
     pixels: npt.NDArray[np.uint32]
 
 
@@ -36,9 +37,9 @@ def no_samples(count: int) -> PathSamples:
 def sample_paths(
     image: ImageArray,
     lines: ScanLines,
-    masked: npt.NDArray[np.bool_],
-    signal: npt.NDArray[np.float32],
-    table: npt.NDArray[np.uint8],
+    masked: BoolArray,
+    signal: Float32Array,
+    table: ByteArray,
     samples: PathSamples,
 ) -> None:
     """Look up the N samples of scan lines in an image (H, W, 3), contiguous.

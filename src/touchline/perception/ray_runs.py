@@ -3,11 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from touchline.camera.omni import ground_from_pixel
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray
 from touchline.types import ImageArray
 
 RUN_COLUMNS = 7  # of a run: x, y (m), u, v (px), rise (grey levels), length on the ground (m), ray
@@ -17,8 +16,8 @@ _NEAR_END_PX = 6  # paint's light may vary along a long run: its height is taken
 class RayPictures(NamedTuple):
     """What the rays are looked up in: lines and green (H, W), 0 where there is none; lightness (H, W)."""
 
-    lines: npt.NDArray[np.uint8]
-    green: npt.NDArray[np.uint8]
+    lines: ByteArray
+    green: ByteArray
     lightness: ImageArray
 
 
@@ -51,8 +50,8 @@ class RunLimits(NamedTuple):
 class _RaySamples(NamedTuple):
     """What the pictures show along one ray, (S,) each."""
 
-    white: npt.NDArray[np.bool_]
-    is_green: npt.NDArray[np.bool_]
+    white: BoolArray
+    is_green: BoolArray
     levels: FloatArray
 
 

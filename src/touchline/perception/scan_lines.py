@@ -7,11 +7,10 @@ the radial scan lines shorter ones fill the outer part of the image, where neigh
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, runs_of
+from touchline.geometry import BoolArray, Float32Array, FloatArray, Int32Array, IntArray, runs_of
 
 FILL_FROM = 0.5  # share of the outer radius from which short rays stand between the others
 _MAX_SAMPLES = 10_000_000
@@ -29,12 +28,12 @@ class ScanLines:
     """
 
     samples: FloatArray
-    starts: npt.NDArray[np.int64]
-    closed: npt.NDArray[np.int64]
-    corners: npt.NDArray[np.int32]
-    shares: npt.NDArray[np.float32]
+    starts: IntArray
+    closed: IntArray
+    corners: Int32Array
+    shares: Float32Array
 
-    def at_samples(self, picture: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def at_samples(self, picture: BoolArray) -> BoolArray:
         """Values (N,) of a picture (H, W) at the samples' upper left pixels."""
         return picture.reshape(-1)[self.corners // 3]
 

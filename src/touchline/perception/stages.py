@@ -4,9 +4,8 @@ from collections.abc import Iterable
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, Int32Array
 from touchline.types import ImageArray
 
 Paint = tuple[int, int, int]
@@ -22,7 +21,7 @@ _LEGEND = 0.8 / 960.0  # of a picture's width: its words can be read where it is
 _PAPER, _INK, _RIM = 24, (235, 235, 235), (110, 110, 110)
 
 
-def painted(image: ImageArray, *layers: tuple[npt.NDArray[np.bool_], Paint]) -> ImageArray:
+def painted(image: ImageArray, *layers: tuple[BoolArray, Paint]) -> ImageArray:
     """The image (H, W, 3) darkened, and what each mask (H, W) covers in its paint, the last on top."""
     picture = (image // 4).astype(np.uint8)
     for mask, paint in layers:
@@ -35,7 +34,7 @@ def enlarged(image: ImageArray, zoom: float = _ZOOM) -> ImageArray:
     return cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
 
 
-def fixed_point(pixels: FloatArray, zoom: float) -> npt.NDArray[np.int32]:
+def fixed_point(pixels: FloatArray, zoom: float) -> Int32Array:
     """Pixels (N, 2) in an enlarged image as OpenCV's fixed-point numbers; pixel centres stay pixel centres."""
     return np.round(((pixels + 0.5) * zoom - 0.5) * 2**SHIFT).astype(np.int32)
 
@@ -94,6 +93,6 @@ def _legend_row(entries: Legend, columns: int, size: float) -> ImageArray:
     return band
 
 
-def _enlarged_pixels(path: FloatArray) -> npt.NDArray[np.int32]:
+def _enlarged_pixels(path: FloatArray) -> Int32Array:
     """Image positions (N, 2) as whole pixels of the enlarged picture, whose pixel centres lie half a pixel further."""
     return np.rint(_ZOOM * path + 0.5 * (_ZOOM - 1)).astype(np.int32)

@@ -6,10 +6,9 @@ asked of its width, and the edges are whole pixels.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import OmniCamera
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray, IndexArray
 from touchline.perception.colour import GREEN, WHITE
 from touchline.perception.profiles import COLUMNS
 from touchline.perception.scan_lines import ScanLines
@@ -18,9 +17,7 @@ MIN_GREEN_PX = 3  # length of the green on both sides: a single green pixel in a
 MAX_GAP_PX = 3  # length of what is neither green nor white between them: the blur of an edge
 
 
-def find_transitions(
-    lines: ScanLines, classes: npt.NDArray[np.uint8], camera: OmniCamera, max_run_px: int
-) -> FloatArray:
+def find_transitions(lines: ScanLines, classes: ByteArray, camera: OmniCamera, max_run_px: int) -> FloatArray:
     """Green-white-green transitions of all scan lines, rows (M, COLUMNS) like those of `find_line_profiles`.
 
     classes: (N,) of the samples. max_run_px: longest white. The point is midway between both transitions in the image;
@@ -52,9 +49,7 @@ def find_transitions(
     return found[np.isfinite(found).all(axis=1)]
 
 
-def _ends_run(
-    known: npt.NDArray[np.intp], path: npt.NDArray[np.intp], white: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _ends_run(known: IndexArray, path: IndexArray, white: BoolArray) -> BoolArray:
     """Whether each classified sample is the last one of a run of its class: another class, path or a gap follows."""
     follows = (np.diff(known) > MAX_GAP_PX + 1) | (np.diff(path) != 0) | (white[1:] != white[:-1])
     return np.concatenate((follows, [True])) if len(known) else np.zeros(0, dtype=np.bool_)

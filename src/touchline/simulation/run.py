@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import Camera, OmniCamera, camera_from_mapping, perspective_mapping, require_omni
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, IntArray, Pose
 from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera
 from touchline.simulation.cameras.head import draw_head, known_camera
 from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
@@ -104,7 +103,7 @@ class Simulation:
         self.head = draw_head(scenario.camera, self.track, streams["camera"])
         self.camera_model: SimulatedCamera = open_simulated_camera(scenario.camera, self.head.mount)
         self.image_times_s = _image_times(scenario, self.track.poses)
-        taken: npt.NDArray[np.int64] = np.rint(self.image_times_s * 1e9).astype(np.int64)
+        taken: IntArray = np.rint(self.image_times_s * 1e9).astype(np.int64)
         self.arrival_stamps = _arrivals(scenario, taken, streams["delays"])
         self.image_stamps = self.arrival_stamps if scenario.camera.stamped == "arrived" else taken
         self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
@@ -320,7 +319,7 @@ def _image_times(scenario: Scenario, poses: FloatArray) -> FloatArray:
     return np.round(times, 4)  # images.csv holds a tenth of a millisecond
 
 
-def _arrivals(scenario: Scenario, taken: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def _arrivals(scenario: Scenario, taken: IntArray, rng: np.random.Generator) -> IntArray:
     """When images arrive (ns) that were taken at these stamps (N,); none overtakes another."""
     camera = scenario.camera
     delays_s = camera.delay_s + camera.delay_spread_s * rng.uniform(-1.0, 1.0, len(taken))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from touchline.files.images import ImageSize, decode, image_size, read_image_bytes
 from touchline.files.opened import OwnFolder, UnreadableError
+from touchline.geometry import ByteArray
 from touchline.sources.problems import ProblemKind
 from touchline.types import ImageArray
 
@@ -28,7 +29,7 @@ _FILL = 128  # what libjpeg paints where the coded pixels end before the image d
 class Decoded:
     """An image as it was stored (uint8 or uint16, BGR), or why there is none."""
 
-    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None
+    pixels: ByteArray | npt.NDArray[np.uint16] | None
     kind: ProblemKind | None = None
     what: str = ""
 

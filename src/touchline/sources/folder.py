@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.files.opened import OwnFolder, UnreadableError, open_bytes
+from touchline.geometry import IntArray
 from touchline.messages import counted
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
@@ -141,7 +141,7 @@ class Recording:
             )
         return read_image_list(self.file(IMAGE_LIST), self._opening)
 
-    def _match_observations(self) -> npt.NDArray[np.int64] | None:
+    def _match_observations(self) -> IntArray | None:
         """(N,) the observation of each frame, -1 where there is none; those at no frame's time are reported."""
         if self._observations is None:
             return None

@@ -7,11 +7,10 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.files.opened import MAX_LINE, open_bytes
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import rows_in_order
 from touchline.sources.tables import (
@@ -39,8 +38,8 @@ class ImageList:
     stamp_ns: StampArray
     exposure_ms: FloatArray
     gain: FloatArray
-    lines: npt.NDArray[np.int64]
-    offsets: npt.NDArray[np.int64]
+    lines: IntArray
+    offsets: IntArray
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import rows_in_order
@@ -67,14 +66,14 @@ class ObservationList:
 
     table: Table
     stamp_ns: StampArray
-    lines: npt.NDArray[np.int64]
-    offsets: npt.NDArray[np.int64]
-    ends: npt.NDArray[np.int64]
+    lines: IntArray
+    offsets: IntArray
+    ends: IntArray
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
-    def indices_at(self, stamps: StampArray) -> npt.NDArray[np.int64]:
+    def indices_at(self, stamps: StampArray) -> IntArray:
         """(M,) the observation at each of some stamps (M,); -1 where there is none."""
         after = np.searchsorted(self.stamp_ns, stamps - SAME_TIME_NS).clip(max=len(self) - 1)
         there = np.abs(self.stamp_ns[after] - stamps) <= SAME_TIME_NS

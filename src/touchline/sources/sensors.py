@@ -4,9 +4,8 @@ from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.tables import Block, StampArray, Table, read_blocks, to_stamps
 from touchline.types import Samples
@@ -141,8 +140,8 @@ def _ordered_part(
 
 
 def rows_in_order(
-    file: str, times_s: FloatArray, lines: npt.NDArray[np.int64], log: ProblemLog, outcome: str
-) -> tuple[StampArray, npt.NDArray[np.bool_]]:
+    file: str, times_s: FloatArray, lines: IntArray, log: ProblemLog, outcome: str
+) -> tuple[StampArray, BoolArray]:
     """Stamps (n,) of all rows, and which of them are kept so that they increase; the others go to the log.
 
     lines: their numbers in the file.
@@ -156,8 +155,8 @@ def rows_in_order(
 def _report_disorder(
     file: str,
     times_s: FloatArray,
-    lines: npt.NDArray[np.int64],
-    keep: npt.NDArray[np.bool_],
+    lines: IntArray,
+    keep: BoolArray,
     log: ProblemLog,
     outcome: str = "; the row is left out",
 ) -> None:
@@ -166,7 +165,7 @@ def _report_disorder(
         log.add(ProblemKind.TIME_ORDER, file, what, line=int(lines[row]))
 
 
-def increasing_rows(stamps: StampArray, above: int = np.iinfo(np.int64).min) -> npt.NDArray[np.bool_]:
+def increasing_rows(stamps: StampArray, above: int = np.iinfo(np.int64).min) -> BoolArray:
     """Mask (n,) of a longest strictly increasing run of stamps (gaps allowed) that starts above `above`."""
     if len(stamps) == 0 or (int(stamps[0]) > above and bool((np.diff(stamps) > 0).all())):
         return np.ones(len(stamps), dtype=np.bool_)

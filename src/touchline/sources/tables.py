@@ -6,18 +6,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.types import MAX_VALUE
 
 BLOCK_BYTES = 16384
 MAX_TIME_S = 9.0e9  # int64 nanoseconds end there
 
-StampArray = npt.NDArray[np.int64]
+StampArray = IntArray
 
 
 class Table(NamedTuple):
@@ -45,7 +44,7 @@ class Line(NamedTuple):
 class Block(NamedTuple):
     """Rows of numbers. lines: (n,) line numbers; values: float64 (n, k), the columns asked for."""
 
-    lines: npt.NDArray[np.int64]
+    lines: IntArray
     values: FloatArray
 
 

@@ -10,15 +10,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.geometry import ByteArray, FloatArray, IntArray, Pose, Pose3
 from touchline.given import given_numbers, refused
 from touchline.types.game import GameState
 from touchline.types.seen import Observation
 
-ImageArray = npt.NDArray[np.uint8]
+ImageArray = ByteArray
 
 MAX_VALUE = 1.0e9  # no metre, radian or rad/s of a robot gets there
 
@@ -30,7 +29,7 @@ class Samples:
     stamp_ns: int64 (N,), strictly increasing. values: float64 (N, k), one column per quantity.
     """
 
-    stamp_ns: npt.NDArray[np.int64]
+    stamp_ns: IntArray
     values: FloatArray
 
     def __post_init__(self) -> None:

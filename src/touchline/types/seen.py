@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.given import refused
 from touchline.messages import counted
 
@@ -57,7 +57,7 @@ class _Seen:
     def __len__(self) -> int:
         return len(getattr(self, next(iter(self.SHAPES))))
 
-    def rows(self, kept: npt.NDArray[np.bool_]) -> Self:
+    def rows(self, kept: BoolArray) -> Self:
         """The rows of a mask (N,) alone; itself if that is all."""
         if kept.all():
             return self
@@ -111,7 +111,7 @@ class LinePoints(_Seen):
 
 def _measured(
     positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
-) -> npt.NDArray[np.bool_]:
+) -> BoolArray:
     """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
     if len(positions_m) == 0:
         return np.zeros(0, dtype=np.bool_)

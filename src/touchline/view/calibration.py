@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.imu import ImuCalibration
 from touchline.calibration.lines.calibration import LineCalibration
@@ -22,7 +21,7 @@ from touchline.camera import GroundView, OmniCamera, PinholeCamera
 from touchline.camera.model_free import range_image
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, FloatArray, Int32Array, Pose
 from touchline.palette import BLUE, ORANGE, VERMILLION, bgr
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import WHITE as IS_WHITE
@@ -114,7 +113,7 @@ def colour_picture(colours: ColourModel, image: ImageArray) -> ImageArray:
     return np.hstack([titled(panel, title, _COLOUR_SIDE) for title, panel in panels.items()])
 
 
-def _painted(colours: ColourModel, image: ImageArray) -> tuple[ImageArray, npt.NDArray[np.bool_]]:
+def _painted(colours: ColourModel, image: ImageArray) -> tuple[ImageArray, BoolArray]:
     """An image (H, W, 3) with each pixel in the colour of its class, and (H, W) which are of none."""
     codes = colour_codes(image.reshape(-1, 3).astype(np.float64), colours).reshape(image.shape[:2])
     plain = colours.classify(image)
@@ -185,7 +184,7 @@ def _overlay(
     field: FieldModel,
     pose: Pose,
     pixels: FloatArray,
-    good: npt.NDArray[np.bool_],
+    good: BoolArray,
 ) -> ImageArray:
     scale = _SIDE / max(image.shape[:2])
     canvas = enlarged(image, scale)
@@ -286,7 +285,7 @@ def _half_metres(places: FloatArray) -> list[FloatArray]:
     return along + across
 
 
-def _fixed(pixels: FloatArray, scale: float) -> npt.NDArray[np.int32]:
+def _fixed(pixels: FloatArray, scale: float) -> Int32Array:
     """Pixels (N, 2) in the enlarged image as OpenCV's fixed-point numbers; those that are none are left out."""
     limit = 1e4 / scale
     return fixed_point(np.clip(pixels[np.isfinite(pixels).all(axis=1)], -limit, limit), scale)

@@ -2,12 +2,11 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import GroundView
 from touchline.field import FieldModel
 from touchline.field.drawing import FieldView
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, FloatArray, Pose
 from touchline.messages import counted
 from touchline.perception.feature_pictures import Canvas, draw_features
 from touchline.perception.stages import SHIFT, Legend, enlarged, fixed_point, with_legend
@@ -74,7 +73,7 @@ def _visible_pieces(view: GroundView, pixels: FloatArray) -> list[FloatArray]:
 def _draw_points(
     canvas: ImageArray, field: FieldModel | None, field_from_robot: Pose | None, points: LinePoints, scale: int
 ) -> Legend:
-    on_line: npt.NDArray[np.bool_] | None = None
+    on_line: BoolArray | None = None
     if field is not None and field_from_robot is not None:
         on_line = field.line_distances(field_from_robot.transform(points.positions_m)) <= ON_LINE_M
     for index in np.flatnonzero(np.isfinite(points.pixels).all(axis=1)):
@@ -89,9 +88,7 @@ def _draw_points(
     return [(near, ON_LINE_COLOR), (counted(int((~on_line).sum()), "other"), OFF_LINE_COLOR)]
 
 
-def draw_rated(
-    picture: ImageArray, view: FieldView, places: FloatArray, on_line: npt.NDArray[np.bool_], radius_px: int
-) -> None:
+def draw_rated(picture: ImageArray, view: FieldView, places: FloatArray, on_line: BoolArray, radius_px: int) -> None:
     """Points (N, 2) of the field into a picture of it, those on a line in another colour; far outside they are none."""
     for place, near in zip(view.picture_from_field(places), on_line, strict=True):
         if np.all(np.abs(place) < 1e4):

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.bundle import Block, NormalEquations, entries, marginal, prior_block, residual_block
 from touchline.calibration.field_sizes.sizes import FieldSizes, line_velocities
 from touchline.calibration.nearest_line import nearest_line
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IndexArray
 
 HEIGHT_M = 0.75  # of the mirror: its lean moves the ground by height² times the bend
 BEND_PER_M, SHAKE_PER_M = 0.015, 0.005  # standard deviations of the bend: of the head, and from image to image
@@ -99,7 +98,7 @@ class _Modes(NamedTuple):
 
 
 def _common_equations(
-    blocks: Sequence[Block], shared: npt.NDArray[np.intp], common: FloatArray, camera: FloatArray
+    blocks: Sequence[Block], shared: IndexArray, common: FloatArray, camera: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Matrix (K, K) and vector (K,) that the places alone, whatever their poses, give the common parameters (K,)."""
     matrix, gradient = marginal(blocks, shared, _prior(common, camera))
@@ -131,7 +130,7 @@ def _modes(matrix: FloatArray, vector: FloatArray, common: FloatArray, camera: F
 
 
 def _best_common(
-    blocks: Sequence[Block], shared: npt.NDArray[np.intp], common: FloatArray, camera: FloatArray, wide: bool
+    blocks: Sequence[Block], shared: IndexArray, common: FloatArray, camera: FloatArray, wide: bool
 ) -> FloatArray:
     """The common parameters that suit the equations and the prior best."""
     if wide:  # all sizes and the scale together fit as well: the scale is held
@@ -155,7 +154,7 @@ def _diagonals(values: FloatArray) -> FloatArray:
     return values[..., np.newaxis] * np.eye(values.shape[-1])
 
 
-def _disagreement(blocks: Sequence[Block], shared: npt.NDArray[np.intp], prior: FloatArray) -> float:
+def _disagreement(blocks: Sequence[Block], shared: IndexArray, prior: FloatArray) -> float:
     """How much more the places' parts differ from each other than their points' noise says: Huber's sandwich."""
     if len(blocks) < 4:
         return 2.0 * REPEATED
@@ -170,7 +169,7 @@ def _blocks(
     places: Sequence[Place],
     sizes: FieldSizes,
     state: FloatArray,
-    at: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    at: tuple[IndexArray, IndexArray],
     width_m: float,
 ) -> tuple[list[Block], FloatArray]:
     """The normal equations of each place, its own prior included, and all points' distances (N,) from the lines."""
@@ -194,7 +193,7 @@ def _blocks(
 
 def _rows(
     place: Place, state: FloatArray, common: FloatArray, field: FieldModel, velocities: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Derivatives (N, 5 + K) of the signed distances (N,) in m, those, and which points have a line at all."""
     seen = place.points
     bend = common[:2] + state[3:]

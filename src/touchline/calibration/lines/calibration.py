@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.lines.certainty import Alone, Certainty, certainty_of, each_alone
 from touchline.calibration.lines.equations import WIDTHS, Lines, Seen
@@ -14,7 +13,7 @@ from touchline.calibration.lines.range_curve import KNOTS, fit_curve, held_uprig
 from touchline.calibration.lines.search import CENTER_PX, Candidate, find_candidates
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, FloatArray, Pose
 
 MIN_POINTS = 25
 MIN_ON_LINES = 0.85  # share of the points on the field that must lie on lines
@@ -186,7 +185,7 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
 
 def _lines_seen(
     on_field: Sequence[FloatArray],
-    good: npt.NDArray[np.bool_],
+    good: BoolArray,
     poses: Sequence[Pose],
     reach_m: FloatArray,
     field: FieldModel,

@@ -5,13 +5,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.lines.equations import BEND_X, SHAPE, WIDTHS, Lines, Seen
 from touchline.calibration.lines.joint import HELD, fit_in_steps, linearise
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.range_curve import CurveFit, curve_weights
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 
 _CELL_M = 2.0  # pieces of the field's lines that err together: tape measures and paint
 _SECTORS = 18  # ... and of the mirror
@@ -109,7 +108,7 @@ def _kinks(found: CurveFit, inverse: FloatArray) -> FloatArray:
     return (sizes * weights)[:, np.newaxis] * doubled
 
 
-def _scatter(rows: FloatArray, groups: npt.NDArray[np.int64]) -> FloatArray:
+def _scatter(rows: FloatArray, groups: IntArray) -> FloatArray:
     _, index = np.unique(groups, return_inverse=True)
     sums = np.zeros((index.max() + 1, rows.shape[1]))
     np.add.at(sums, index, rows)
@@ -118,7 +117,7 @@ def _scatter(rows: FloatArray, groups: npt.NDArray[np.int64]) -> FloatArray:
     return few * sums.T @ sums
 
 
-def _cells(points: FloatArray) -> npt.NDArray[np.int64]:
+def _cells(points: FloatArray) -> IntArray:
     cells = np.clip(np.floor(points / _CELL_M), -500, 500).astype(np.int64)
     return cells[:, 0] * 1001 + cells[:, 1]
 

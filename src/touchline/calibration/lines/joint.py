@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.calibration.bundle import Equations, NormalEquations, minimise, prior_block, residual_block
 from touchline.calibration.lines.equations import (
@@ -22,7 +21,7 @@ from touchline.calibration.lines.equations import (
     linearised,
 )
 from touchline.calibration.nearest_line import nearest_line
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IndexArray
 
 BEND_PER_M = 0.015  # standard deviation of the bend: a mirror 0.3 degrees off per axis
 STRAIGHT_M = 1e-6  # of lines that lie where the field says
@@ -70,8 +69,8 @@ class Linearised(NamedTuple):
     distances_m: FloatArray
     rows: FloatArray
     sigmas_m: FloatArray
-    line: npt.NDArray[np.intp]
-    image: npt.NDArray[np.intp]
+    line: IndexArray
+    image: IndexArray
     places: FloatArray
 
     @property
@@ -173,7 +172,7 @@ def _priors(state: FloatArray, size: int, images: int, expected: Expected) -> Eq
 
 def _single(
     one: Seen, state: FloatArray, size: int, k: int, images: int, lines: Lines
-) -> tuple[npt.NDArray[np.intp], Linearised]:
+) -> tuple[IndexArray, Linearised]:
     """The points of image k, and the numbers (K,) of the state's entries that they depend on: columns of the rows."""
     own = np.concatenate((np.arange(size), size + 3 * k + np.arange(3)))
     distances, slopes, sigmas, places = linearised(one, state[own], lines, Noise(GROUND_M, 1.0))

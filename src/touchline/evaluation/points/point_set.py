@@ -14,7 +14,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.files.arrays import NOT_AN_ARCHIVE, stored_array
 from touchline.files.opened import read_bytes
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, FloatArray, Pose
 from touchline.localization.registration.bound import bound_covariance, mean_errors
 from touchline.types import LinePoints
 
@@ -48,7 +48,7 @@ class PointSet:
     truth: FloatArray
     init: FloatArray
     compass: FloatArray
-    clutter: tuple[npt.NDArray[np.bool_], ...] | None
+    clutter: tuple[BoolArray, ...] | None
 
     def __len__(self) -> int:
         return len(self.points)

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from touchline.experiments.drives import BoolArray, Track
-from touchline.geometry import FloatArray
+from touchline.experiments.drives import Track
+from touchline.geometry import BoolArray, FloatArray
 
 COST_MAX_M, COST_WRONG_M = 1.0, 3.0  # of an image that is not tracked or farther off; of one that is wrong and tracked
 COVERED = 7.814728  # chi-square, three degrees of freedom, 95 %

@@ -29,9 +29,9 @@ from touchline.experiments.clutter import (
     standing,
     thinned,
 )
-from touchline.experiments.drives import BoolArray, Drive, drive_of
+from touchline.experiments.drives import Drive, drive_of
 from touchline.experiments.injections import Change, Fault, both
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import BoolArray, FloatArray, Pose
 from touchline.messages import did_you_mean
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.run import Simulation

@@ -1,12 +1,11 @@
 """Fewer points of an observation that stand for all of them."""
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IndexArray
 
 
-def different(rows: FloatArray) -> npt.NDArray[np.intp]:
+def different(rows: FloatArray) -> IndexArray:
     """Indices of the rows of (N, 2), each the first of those that are equal, in their order."""
     pairs = np.ascontiguousarray(rows).view(np.complex128).ravel()  # sorted five times faster than rows are
     return np.sort(np.unique(pairs, return_index=True)[1])

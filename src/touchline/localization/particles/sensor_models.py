@@ -8,11 +8,10 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field.distance_map import DistanceMap
 from touchline.field.error_map import MAX_ERROR, ErrorMap
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import Float32Array, FloatArray, Pose
 
 View_contra = TypeVar("View_contra", contravariant=True)
 
@@ -42,7 +41,7 @@ class SquaredErrors(NamedTuple):
     squares: float32 (ny, nx). Sample [iy, ix] lies at origin + resolution_m * (ix, iy), field frame, m.
     """
 
-    squares: npt.NDArray[np.float32]
+    squares: Float32Array
     origin_x: float
     origin_y: float
     resolution_m: float

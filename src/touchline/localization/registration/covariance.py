@@ -7,12 +7,11 @@ from typing import NamedTuple, TypeAlias
 
 import numba
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from touchline.config import Settings, added
 from touchline.field.distance_map import lookup
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IndexArray
 
 Moments: TypeAlias = tuple[FloatArray, FloatArray, float, float]
 _DIAGONAL = np.diag_indices(3)
@@ -103,7 +102,7 @@ def _kept(count: int) -> int:
     return count - min(max(math.ceil(CLUTTER_RATIO * count), MIN_CLUTTER), count - 1)
 
 
-def _least(helps: FloatArray) -> npt.NDArray[np.intp]:
+def _least(helps: FloatArray) -> IndexArray:
     """Of the help (N,) of each point along one direction, the rows of those that are no clutter."""
     kept = _kept(len(helps))
     return np.argpartition(helps, kept - 1)[:kept]
@@ -130,7 +129,7 @@ class PrincipalInformation(NamedTuple):
     scale: FloatArray
     roots: FloatArray
 
-    def turned(self, rows: npt.NDArray[np.intp]) -> PrincipalInformation:
+    def turned(self, rows: IndexArray) -> PrincipalInformation:
         """The same information along the principal directions of some of the points alone."""
         some = self.roots[rows]
         vectors = np.linalg.eigh(some.T @ some)[1]

@@ -9,13 +9,10 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field import FieldModel
 from touchline.field.association import AssociationTables
-from touchline.geometry import FloatArray
-
-Indices = npt.NDArray[np.int64]
+from touchline.geometry import FloatArray, IntArray
 
 
 class PointFeatures(NamedTuple):
@@ -35,9 +32,9 @@ class PointFeatures(NamedTuple):
     floors: FloatArray
     peaks: FloatArray
     trust: FloatArray
-    sets: Indices
+    sets: IntArray
     turns_rad: FloatArray
-    candidates: Indices
+    candidates: IntArray
 
 
 class LineFeatures(NamedTuple):

@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field.distances import LineTables
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 
 # how much each unseen crossing contradicts a pose, logarithm of a likelihood ratio: in full images of a match one
 # in fourteen is missing, robots hide neighbours together
@@ -30,8 +29,8 @@ class View(NamedTuple):
     near_m, far_m: ranges between which lines would have been seen.
     """
 
-    looked: npt.NDArray[np.bool_]
-    cells: npt.NDArray[np.bool_]
+    looked: BoolArray
+    cells: BoolArray
     near_m: float
     far_m: float
 

@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field.distance_map import DistanceMap
-from touchline.geometry import FloatArray
+from touchline.geometry import Float32Array, FloatArray
 from touchline.localization.search.pose_grid import PoseGrid
 
 _CELL_M = 0.1  # fine enough for poses half a metre apart
@@ -23,7 +22,7 @@ class ShiftTable(NamedTuple):
     first_x, first_y: cell, as a fraction, on which the first pose's own position lies. cell_m: size of a cell.
     """
 
-    values: npt.NDArray[np.float32]
+    values: Float32Array
     first_x: float
     first_y: float
     cell_m: float
@@ -59,7 +58,7 @@ class CoarseSearch:
         of = window or self.whole
         return self.smallest(self.errors(points, of), count, of, neighbours)
 
-    def smallest(self, errors: npt.NDArray[np.float32], count: int, of: Window, neighbours: int) -> FloatArray:
+    def smallest(self, errors: Float32Array, count: int, of: Window, neighbours: int) -> FloatArray:
         """The poses (up to count, 3) of a window with the smallest of its errors (H, K); see `best`."""
         near = ((neighbours + 0.5) * self._grid.spacing_m, 2.5 * self._grid.spacing_rad)
         for likely in (10 * count, 100 * count):  # the first do mostly; beyond the last no pick is reached
@@ -69,7 +68,7 @@ class CoarseSearch:
                 break
         return np.asarray(poses[picks])
 
-    def _first(self, errors: npt.NDArray[np.float32], count: int, of: Window) -> FloatArray:
+    def _first(self, errors: Float32Array, count: int, of: Window) -> FloatArray:
         """The poses (count, 3) with the smallest of a window's errors, in their order."""
         order = np.argpartition(errors, count - 1)[:count]
         order = order[np.argsort(errors[order])]
@@ -78,7 +77,7 @@ class CoarseSearch:
         place = (row + of.first_row) * self._grid.shape[1] + column + of.first_column
         return np.column_stack((self._grid.positions[place], of.headings[of_heading]))
 
-    def errors(self, points: FloatArray, window: Window | None = None) -> npt.NDArray[np.float32]:
+    def errors(self, points: FloatArray, window: Window | None = None) -> Float32Array:
         """Mean error (H, K) of the points (N, 2), all alike, at every heading and position of a window."""
         of, table = window or self.whole, self._table
         n = table.values.shape[0]

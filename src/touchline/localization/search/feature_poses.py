@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.localization.particles.resampling import low_variance, tempering
-from touchline.localization.registration.feature_model import FeatureModel, FeatureView, Indices, LineFeatures
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView, LineFeatures
 
 PARALLEL = 0.2  # sine of the angle below which lines are parallel
 CROSSING = 0.7  # and above which they cross
@@ -78,7 +78,7 @@ class PoseProposals:
         headings: FloatArray = np.arctan2(offsets[fits, 1], offsets[fits, 0]) - math.atan2(seen[1], seen[0])
         return headings[:HEADINGS_OF_POINTS]
 
-    def _places(self, view: FeatureView, point: int) -> Indices:
+    def _places(self, view: FeatureView, point: int) -> IntArray:
         """All places that a point may be taken for."""
         table, sets, first, end = view.points.sets[point].tolist()
         of_table = [member for k in range(table, table + sets) for member in self._members[k]] if table >= 0 else []
@@ -124,7 +124,7 @@ class PoseProposals:
         places = np.linalg.solve(matrices[crossing], right[..., np.newaxis])[..., 0]
         return np.column_stack((places, np.full(len(places), heading)))
 
-    def _parallel(self, line: FloatArray) -> Indices:
+    def _parallel(self, line: FloatArray) -> IntArray:
         """Which of the field's lines a line (2, 2) may be part of."""
         lines, along = self.model.lines, line[1] - line[0]
         length = math.hypot(*along)

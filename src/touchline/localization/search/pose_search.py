@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
+from touchline.geometry import FloatArray, IndexArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.registration.kernels import Fits
 from touchline.localization.registration.registration import FINISHING, SEARCHING, Registration, covariances_of
 from touchline.localization.registration.unseen import UNSEEN, View, unseen, view_of
@@ -179,7 +178,7 @@ class PoseSearch:
         return np.concatenate((together, self._coarse.smallest(errors, count - close, window, neighbours=1)))
 
 
-def _picked(fits: Fits, rows: npt.NDArray[np.intp]) -> Fits:
+def _picked(fits: Fits, rows: IndexArray) -> Fits:
     return Fits(*(values[rows] for values in fits))
 
 

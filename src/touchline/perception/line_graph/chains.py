@@ -3,12 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.perception.line_graph.graph import Graph, IntArray
-
-BoolArray = npt.NDArray[np.bool_]
+from touchline.geometry import BoolArray, IntArray
+from touchline.perception.line_graph.graph import Graph
 
 
 class Chains(NamedTuple):

@@ -7,10 +7,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception.line_graph.graph import Graph
 from touchline.types import LandmarkKind, Landmarks, Lines, no_landmarks
 
@@ -111,9 +110,7 @@ def _leave_out(ground: FloatArray, lines_m: FloatArray, long_m: float, tangents:
 
 
 @njit(cache=True, error_model="numpy")
-def _members(
-    ground: FloatArray, tangents: FloatArray, radius_m: float, x: float, y: float, use: npt.NDArray[np.bool_]
-) -> int:
+def _members(ground: FloatArray, tangents: FloatArray, radius_m: float, x: float, y: float, use: BoolArray) -> int:
     """Mark the nodes that lie on a circle and along it; returns in how many of 24 sectors there are some."""
     sectors = np.zeros(_SECTORS, dtype=np.bool_)
     for node in range(len(ground)):

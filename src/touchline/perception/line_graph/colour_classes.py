@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import ColourModel, colour_model, learn_carpet, pixel_noise
 from touchline.perception.colour_ellipses import is_black, luma_chroma, nearest_ellipse, tinted_chroma
@@ -46,7 +46,7 @@ _PAINT_ROUNDS = 3
 NO_TINT = np.ones(3)
 _EDGES = 0.65  # share of what is pale between carpet that is only partly paint
 
-CountArray = npt.NDArray[np.uint8]
+CountArray = ByteArray
 """(8, rows, columns): pixels of each class in each cell, at most 64."""
 
 
@@ -59,16 +59,14 @@ class ColourClasses(NamedTuple):
     the light about each cell.
     """
 
-    tables: npt.NDArray[np.uint8]
+    tables: ByteArray
     model: ColourModel
     white_from: float
     white_until: float
     local: bool
 
 
-def learn_classes(
-    images: Sequence[ImageArray], near: npt.NDArray[np.bool_], around: npt.NDArray[np.bool_], yuv: bool
-) -> ColourClasses:
+def learn_classes(images: Sequence[ImageArray], near: BoolArray, around: BoolArray, yuv: bool) -> ColourClasses:
     """Learn from images (H, W, 3): the carpet's green first, then the paint beside it.
 
     near, around: (H, W) where carpet is expected, and all of the field that is looked at. yuv: the paper's form, one
@@ -115,9 +113,7 @@ def _classes(model: ColourModel, carpet: FloatArray | None) -> ColourClasses:
     return ColourClasses(tables, model, half, until, True)
 
 
-def _with_washed_carpet(
-    table: npt.NDArray[np.uint8], model: ColourModel, tint: FloatArray = NO_TINT
-) -> npt.NDArray[np.uint8]:
+def _with_washed_carpet(table: ByteArray, model: ColourModel, tint: FloatArray = NO_TINT) -> ByteArray:
     """The table with all as green that is brighter than the carpet, paler and greenish still: carpet in the sun, or
     where the edge of a line is.
     """
@@ -133,7 +129,7 @@ def _excess(colours: FloatArray) -> FloatArray:
     return 1.5 * colours[:, 1] / colours.sum(axis=1) - 0.5
 
 
-def relative_table(model: ColourModel, tint: FloatArray = NO_TINT) -> npt.NDArray[np.uint8]:
+def relative_table(model: ColourModel, tint: FloatArray = NO_TINT) -> ByteArray:
     """The table of `ColourClasses` with green as the model has it and white by its signal, in a tinted light."""
     colours = _cell_colours() / tint
     table = colour_codes(colours, model)
@@ -144,7 +140,7 @@ def relative_table(model: ColourModel, tint: FloatArray = NO_TINT) -> npt.NDArra
     return np.where(is_green, GREEN, table).astype(np.uint8)
 
 
-def yuv_table(model: ColourModel, carpet: FloatArray) -> npt.NDArray[np.uint8]:
+def yuv_table(model: ColourModel, carpet: FloatArray) -> ByteArray:
     """The same as the paper has it: white above a luminance, black below one, green in an ellipse of U, V.
 
     carpet: (N, 3) pixels of it, B, G, R.
@@ -177,7 +173,7 @@ def _codes(whiteness: FloatArray) -> FloatArray:
     return np.clip(np.rint(FIRST_WHITE + WHITE_STEPS * whiteness), FIRST_WHITE, 255)
 
 
-def colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int64]:
+def colour_codes(colours: FloatArray, model: ColourModel) -> IntArray:
     """(N,) which of colours (N, 3) B, G, R are black or of one of the coloured classes; OTHER for all else."""
     tinted = tinted_chroma(colours, model.white)
     table = np.full(len(colours), OTHER, dtype=np.int64)
@@ -187,7 +183,7 @@ def colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int6
     return np.where(kinds >= 0, BLUE + kinds, table)
 
 
-def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], model: ColourModel) -> FloatArray | None:
+def _learn_paint(images: Sequence[ImageArray], around: BoolArray, model: ColourModel) -> FloatArray | None:
     """(3,) B, G, R of paint: what is paler than the carpet on both sides of it, in the light that was learned.
 
     Walls and posts are whiter than worn lines, but have carpet on one side at most. None where too little is seen.
@@ -206,7 +202,7 @@ def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], mo
     return paint
 
 
-def _between_carpet(image: ImageArray, around: npt.NDArray[np.bool_], model: ColourModel) -> FloatArray:
+def _between_carpet(image: ImageArray, around: BoolArray, model: ColourModel) -> FloatArray:
     """(N, 3) colours that are brighter than carpet close by on both sides of them, as if its light were the usual."""
     smooth = cv2.blur(image, (3, 3))  # blades of turf glitter
     green = ((model.classify(image) == IS_GREEN) & around).astype(np.uint8)
@@ -228,9 +224,9 @@ def _between_carpet(image: ImageArray, around: npt.NDArray[np.bool_], model: Col
 @njit(cache=True)
 def count_classes(
     image: ImageArray,
-    tables: npt.NDArray[np.uint8],
-    white_from: npt.NDArray[np.uint8],
-    washed: npt.NDArray[np.uint8],
+    tables: ByteArray,
+    white_from: ByteArray,
+    washed: ByteArray,
     counts: CountArray,
 ) -> None:
     """Count the classes of an image (H, W, 3) in cells of 8 x 8 pixels, into counts (8, rows, columns).
@@ -271,10 +267,10 @@ def _entries(line: ImageArray, entries: npt.NDArray[np.uint16]) -> None:
 @njit(cache=True)
 def carpet_light(
     image: ImageArray,
-    tables: npt.NDArray[np.uint8],
+    tables: ByteArray,
     carpet_sum: float,
     light: FloatArray,
-    washed: npt.NDArray[np.uint8],
+    washed: ByteArray,
 ) -> None:
     """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), and
     whether the sun washes it out, into washed (rows, columns).

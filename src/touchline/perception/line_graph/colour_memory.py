@@ -3,9 +3,8 @@ green fades they are learned again.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IndexArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.colour_file import load_colours
 from touchline.perception.line_graph.colour_classes import (
@@ -22,7 +21,6 @@ from touchline.perception.line_graph.colour_classes import (
 from touchline.perception.self_learning import GreenWatch
 from touchline.types import ImageArray
 
-Mask = npt.NDArray[np.bool_]
 _MIN_TINT, _MAX_TINT = 0.04, 0.4  # change of the carpet's colour (logarithm) that is followed, and the most
 _EVERY, _MIN_CELLS = 3, 50  # one in so many cells is looked at, and so many of carpet tell it
 _MIN_FIELD = 500  # cells of a field: with less, all of the ground is looked at
@@ -43,7 +41,7 @@ class ColourMemory:
         self.classes: ColourClasses | None = self._kept
         self._learned = self.classes
         self._tint = NO_TINT
-        self._ground: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]] | None = None  # pixels that see it
+        self._ground: tuple[IndexArray, IndexArray] | None = None  # pixels that see it
         self._images: list[ImageArray] = []
         self._green = GreenWatch()
 
@@ -52,7 +50,7 @@ class ColourMemory:
         """Whether the next image is to be learned from."""
         return self._kept is None and len(self._images) < self._frames
 
-    def learn(self, image: ImageArray, near: Mask, around: Mask) -> None:
+    def learn(self, image: ImageArray, near: BoolArray, around: BoolArray) -> None:
         """Learn from an image (H, W, 3): the first serves at once, all together once they are there.
 
         near, around: as in `learn_classes`. Raises NoCarpetError where no carpet is seen and no colours are known.
@@ -83,7 +81,7 @@ class ColourMemory:
         if np.abs(np.log(tint / self._tint)).max() > _MIN_TINT:
             self._tint, self.classes = tint, tinted_classes(self._learned, tint)
 
-    def watch(self, counts: CountArray, horizon: Mask, ends: FloatArray) -> None:
+    def watch(self, counts: CountArray, horizon: BoolArray, ends: FloatArray) -> None:
         """Begin to learn anew when much less of the ground is green than usual, for some images in a row.
 
         counts: of the classes. horizon: (rows, columns) cells that see the ground. ends: (columns,) height of the

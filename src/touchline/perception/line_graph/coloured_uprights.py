@@ -9,11 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import (
     BLUE,
     CELL_PX,
@@ -85,7 +84,7 @@ def coloured_uprights(
 @njit(cache=True, error_model="numpy")
 def _find(
     pixels: Pixels,
-    table: npt.NDArray[np.uint8],
+    table: ByteArray,
     counts: CountArray,
     ends: FloatArray,
     plane: ImagePlane,
@@ -148,12 +147,12 @@ def _ray(plane: ImagePlane, u: float, v: float) -> tuple[float, float, float]:
 @njit(cache=True, error_model="numpy")
 def _measure(
     pixels: Pixels,
-    table: npt.NDArray[np.uint8],
+    table: ByteArray,
     counts: CountArray,
     ends: FloatArray,
     plane: ImagePlane,
     limits: FloatArray,
-    cells: npt.NDArray[np.int64],
+    cells: IntArray,
     out: FloatArray,
 ) -> bool:
     """What cells (N, 3), row by row, of neighbouring azimuths show, from its foot up; False: nothing upright."""
@@ -210,9 +209,9 @@ def _measure(
 @njit(cache=True, error_model="numpy")
 def _foot(
     pixels: Pixels,
-    table: npt.NDArray[np.uint8],
+    table: ByteArray,
     plane: ImagePlane,
-    spans: npt.NDArray[np.int64],
+    spans: IntArray,
     bottom: int,
     out: FloatArray,
 ) -> bool:
@@ -253,7 +252,7 @@ def _foot(
 
 
 @njit(cache=True, error_model="numpy")
-def _stands(pixels: Pixels, table: npt.NDArray[np.uint8], plane: ImagePlane, out: FloatArray) -> bool:
+def _stands(pixels: Pixels, table: ByteArray, plane: ImagePlane, out: FloatArray) -> bool:
     """Whether there is carpet below a foot, and nothing else than a line's paint before it."""
     height, width = pixels.image.shape[:2]
     near, far = ground_from_pixel(plane, out[_U], out[_V] + 1.0), ground_from_pixel(plane, out[_U], out[_V])
@@ -271,7 +270,7 @@ def _stands(pixels: Pixels, table: npt.NDArray[np.uint8], plane: ImagePlane, out
 
 
 @njit(cache=True)
-def _code(image: ImageArray, table: npt.NDArray[np.uint8], u: int, v: int) -> int:
+def _code(image: ImageArray, table: ByteArray, u: int, v: int) -> int:
     b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
     return int(table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)])
 
@@ -286,7 +285,7 @@ def _height(plane: ImagePlane, u: float, v: float, distance: float) -> float:
 
 
 @njit(cache=True)
-def _bands(spans: npt.NDArray[np.int64], out: FloatArray) -> int:
+def _bands(spans: IntArray, out: FloatArray) -> int:
     """The colours from the ground up, into out, and the highest row of the first; the first alone where they are of
     unequal heights, as a poster behind a post.
     """

@@ -12,12 +12,11 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import Camera, GroundView, PinholeCamera, ground_view
 from touchline.errors import InputError
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size, image_of, lean_of
 from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle, without_arcs
@@ -145,7 +144,7 @@ class LineGraphDetector:
         least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
         return Pixels(image, least, signal, structure.light, self.field.line_width, _LOOSEST, _TIGHTEST)
 
-    def _masks(self, view: GroundView) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def _masks(self, view: GroundView) -> tuple[BoolArray, BoolArray]:
         """(H, W) pixels that see ground near by, and ground that is looked at at all."""
         plane = image_plane(self.lens, view)
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]

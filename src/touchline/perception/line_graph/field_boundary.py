@@ -6,10 +6,9 @@ Rows of cells count from the top of the image, as in all images; the paper's j c
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import (
     BLACK,
     CELL_PX,
@@ -56,7 +55,7 @@ def field_colour(counts: CountArray, merged: FloatArray) -> None:
 
 
 @njit(cache=True)
-def binarize(merged: FloatArray, limits: BoundaryThresholds, field: npt.NDArray[np.bool_]) -> None:
+def binarize(merged: FloatArray, limits: BoundaryThresholds, field: BoolArray) -> None:
     """3.1.2: which cells are field, into field (rows, columns).
 
     Rows beyond the image's lower edge are left out of the sums, which are means here: where none is left, the cell
@@ -83,9 +82,7 @@ def binarize(merged: FloatArray, limits: BoundaryThresholds, field: npt.NDArray[
 
 
 @njit(cache=True)
-def scan_columns(
-    field: npt.NDArray[np.bool_], counts: CountArray, horizon: FloatArray, paper: bool, ends: FloatArray
-) -> None:
+def scan_columns(field: BoolArray, counts: CountArray, horizon: FloatArray, paper: bool, ends: FloatArray) -> None:
     """3.1.3: the height (cells above the image's lower edge) where each column's field ends, into ends (columns,).
 
     horizon: (columns,) row above which no ground is seen. paper: without our additions: the robot's own body at the
@@ -168,9 +165,7 @@ def _carpet_end(counts: CountArray, column: int, end: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _next_edge(
-    points: FloatArray, carpet: FloatArray, state: npt.NDArray[np.int64], cell: float, edge: FloatArray
-) -> bool:
+def _next_edge(points: FloatArray, carpet: FloatArray, state: IntArray, cell: float, edge: FloatArray) -> bool:
     """Lay an edge y = edge[0] + edge[1] x through the free ones of points (columns, 2) if many are on it.
 
     carpet: (columns,) y up to where each column is carpet. state: (columns,) of the points; is brought up to date.

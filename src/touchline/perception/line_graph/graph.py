@@ -8,10 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, FloatArray, IntArray
 from touchline.perception.line_graph.skeleton import NO_SKELETON
 from touchline.perception.line_graph.sorting import order_of
 
@@ -24,8 +23,6 @@ _BESIDE = 1.0  # cells: a connection that passes a node by so closely leads thro
 _TURN = math.radians(40.0)  # by how much a line may turn where a connection continues it
 _MAX_CANDIDATES = 4096
 _PALEST = 0.25  # least whiteness along a candidate connection, as a share of its nodes'
-
-IntArray = npt.NDArray[np.int64]
 
 
 class Graph(NamedTuple):
@@ -40,7 +37,7 @@ class Graph(NamedTuple):
     degrees: IntArray
 
 
-def line_graph(smooth: FloatArray, ranks: npt.NDArray[np.uint8], bridge: bool = True) -> Graph:
+def line_graph(smooth: FloatArray, ranks: ByteArray, bridge: bool = True) -> Graph:
     """The graph of a skeleton: ranks (rows, columns) of `rank_cells`, smooth the whiteness it comes from.
 
     bridge: whether candidate connections over gaps are judged.
@@ -62,7 +59,7 @@ def line_graph(smooth: FloatArray, ranks: npt.NDArray[np.uint8], bridge: bool = 
 
 
 @njit(cache=True)
-def place_nodes(ranks: npt.NDArray[np.uint8], node_at: IntArray, cells: IntArray) -> int:
+def place_nodes(ranks: ByteArray, node_at: IntArray, cells: IntArray) -> int:
     """Nodes at peaks of the skeleton, then along its ridges at least two cells apart.
 
     Writes the number of the node into node_at (rows, columns), column and row into cells; returns how many.
@@ -135,7 +132,7 @@ def _nodes_near(node_at: IntArray, row: int, column: int, near: IntArray) -> int
 
 
 @njit(cache=True)
-def connect_regions(ranks: npt.NDArray[np.uint8], node_at: IntArray, graph: Graph) -> None:
+def connect_regions(ranks: ByteArray, node_at: IntArray, graph: Graph) -> None:
     """Connect nodes whose 3 x 3 regions overlap or touch on the skeleton."""
     rows, columns = ranks.shape
     here, there = np.empty(9, dtype=np.int64), np.empty(9, dtype=np.int64)
@@ -181,7 +178,7 @@ def remove_triangles(graph: Graph, count: int) -> None:
 
 
 @njit(cache=True)
-def stretch_ends(ranks: npt.NDArray[np.uint8], node_at: IntArray, graph: Graph, count: int) -> int:
+def stretch_ends(ranks: ByteArray, node_at: IntArray, graph: Graph, count: int) -> int:
     """Move end nodes to the last cell of the skeleton, split nodes without connections; returns how many there are."""
     rows, columns = ranks.shape
     for node in range(count):

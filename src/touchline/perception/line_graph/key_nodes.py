@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
-from touchline.perception.line_graph.graph import Graph, IntArray, connect, disconnect, length_between
+from touchline.geometry import FloatArray, IntArray
+from touchline.perception.line_graph.graph import Graph, connect, disconnect, length_between
 
 _SPUR = 2.6  # cells: shorter lines that end in a junction are eliminated
 _MERGE = 3.2  # cells: connected junctions closer than this are one crossing

@@ -8,9 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.perception.line_graph.chains import Chains
-from touchline.perception.line_graph.graph import IntArray
 
 MAX_LINES = 64
 _MIN_NODES = 3

@@ -11,11 +11,10 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import Camera, FisheyeCamera, GroundView, PinholeCamera
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import BoolArray, FloatArray, Pose3
 from touchline.perception.detector import check_size
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
 from touchline.perception.line_graph.detector import LineGraphDetector, observe_from_view
@@ -73,7 +72,7 @@ class Patch:
         """Pixels (N, 2) of the camera, from those of this patch."""
         return self._whole.image_from_camera(self.camera.camera_rays(pixels) @ self.turn.rotation.T)
 
-    def owns(self, pixels: FloatArray) -> npt.NDArray[np.bool_]:
+    def owns(self, pixels: FloatArray) -> BoolArray:
         """(N,) whether pixels (N, 2) of this patch are no neighbour's."""
         return (pixels[:, 0] >= self.seams[0]) & (pixels[:, 0] < self.seams[1])
 

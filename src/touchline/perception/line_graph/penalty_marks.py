@@ -6,10 +6,9 @@ Ours: the paper names none. A ball is larger and stands up, the centre mark lies
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import CELL_PX, FULL, GREEN, WHITE, CountArray
 from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel
 
@@ -41,9 +40,7 @@ def find_penalty_marks(counts: CountArray, ends: FloatArray, plane: ImagePlane, 
 
 
 @njit(cache=True)
-def _patch(
-    counts: CountArray, visited: npt.NDArray[np.bool_], stack: npt.NDArray[np.int64], row: int, column: int
-) -> FloatArray:
+def _patch(counts: CountArray, visited: BoolArray, stack: IntArray, row: int, column: int) -> FloatArray:
     """(5,) area, u, v, variances of u and of v of the patch of white cells about one; area 0 if it isn't alone."""
     rows, columns = counts.shape[1:]
     stack[0] = row, column

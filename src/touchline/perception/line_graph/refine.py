@@ -5,9 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
-from touchline.perception.line_graph.graph import IntArray
 from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
 from touchline.perception.line_graph.lines import fit_line, fit_with_ends
 from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, Pixels, read_profile

@@ -1,10 +1,9 @@
 """Low-pass and skeleton of the white cells (section 3.2): a ranking operator finds the middle of lines."""
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import WHITE, CountArray
 
 NO_SKELETON = 9
@@ -23,7 +22,7 @@ def white_inside(counts: CountArray, ends: FloatArray, white: FloatArray) -> Non
 
 
 @njit(cache=True)
-def low_pass(white: FloatArray, passes: npt.NDArray[np.int64], smooth: FloatArray) -> None:
+def low_pass(white: FloatArray, passes: IntArray, smooth: FloatArray) -> None:
     """A binomial 3 x 3 filter, as often as each row wants, into smooth (rows, columns).
 
     passes: (rows,) at least 1, more where lines are wider than two cells: each cross-section shall have one maximum.
@@ -49,7 +48,7 @@ def low_pass(white: FloatArray, passes: npt.NDArray[np.int64], smooth: FloatArra
 
 
 @njit(cache=True)
-def rank_cells(smooth: FloatArray, ranks: npt.NDArray[np.uint8], least: float) -> None:
+def rank_cells(smooth: FloatArray, ranks: ByteArray, least: float) -> None:
     """How many of the eight neighbours are as white or whiter, into ranks (rows, columns): below three is skeleton.
 
     NO_SKELETON elsewhere. least: whiteness below which a cell is background, as one without any is.

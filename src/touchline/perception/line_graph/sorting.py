@@ -1,14 +1,13 @@
 """Order and median of a few numbers in compiled loops; those of NumPy take a second each to compile."""
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 
 
 @njit(cache=True)
-def order_of(values: FloatArray) -> npt.NDArray[np.int64]:
+def order_of(values: FloatArray) -> IntArray:
     """Indices (N,) that sort values (N,), equal ones as they stand; N is small."""
     order = np.empty(len(values), dtype=np.int64)
     for k in range(len(values)):

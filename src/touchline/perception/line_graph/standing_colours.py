@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import ColourModel
 from touchline.perception.colour_ellipses import (
@@ -34,10 +33,8 @@ _LINE_PX = 21  # lines on the carpet are bridged
 _SAME_HUE = 0.87  # least cosine, 30 degrees
 _MAX_WIDTH_RATIO = 2.0  # times the foot: wider rows are crossbars, or grown together with what is behind
 
-Mask = npt.NDArray[np.bool_]
 
-
-def standing_ellipses(images: Sequence[ImageArray], around: Mask, model: ColourModel) -> Ellipses:
+def standing_ellipses(images: Sequence[ImageArray], around: BoolArray, model: ColourModel) -> Ellipses:
     """The ellipses of COLOURED as images (H, W, 3) show them; fixed where too little of a colour stands on the field.
 
     around: (H, W) all of the field that is looked at. model: carpet and paint.
@@ -52,14 +49,16 @@ def _ellipse_of(things: list[FloatArray], kind: int) -> Ellipse:
     return learned_ellipse(pixels, FIXED[kind], _PRIOR_PIXELS) if len(pixels) >= _MIN_PIXELS else FIXED[kind]
 
 
-def _coloured(white: FloatArray) -> Mask:
+def _coloured(white: FloatArray) -> BoolArray:
     """(32, 32, 32) whether a colour (B, G, R each shifted right by 3) beside this paint may be of COLOURED."""
     levels = 8.0 * np.arange(32) + 3.5
     colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
     return (nearest_ellipse(tinted_chroma(colours, white), FIXED, _REACH) >= 0).reshape(32, 32, 32)
 
 
-def _standing(image: ImageArray, around: Mask, model: ColourModel, may_be: Mask) -> list[tuple[int, FloatArray]]:
+def _standing(
+    image: ImageArray, around: BoolArray, model: ColourModel, may_be: BoolArray
+) -> list[tuple[int, FloatArray]]:
     """Class (index into COLOURED) and pixels (N, 3) Y, U, V, edges left out, of each coloured thing on the carpet."""
     smooth = np.asarray(cv2.blur(image, (3, 3)), dtype=np.uint8)
     green = (model.classify(smooth) == IS_GREEN) & around
@@ -89,7 +88,7 @@ def _of_one_colour(pixels: FloatArray) -> tuple[int, FloatArray]:
     return kind, pixels[cosine > _SAME_HUE]
 
 
-def _as_wide_as_its_foot(thing: Mask, ground: Mask, left: int, top: int) -> Mask:
+def _as_wide_as_its_foot(thing: BoolArray, ground: BoolArray, left: int, top: int) -> BoolArray:
     """The rows of a thing (h, w) at this place of the image that are hardly wider than its foot; none where it floats.
 
     ground: (H, W) carpet and the lines on it.

@@ -4,10 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray
 from touchline.perception.line_graph.chains import Chains, find_chains
 from touchline.perception.line_graph.colour_classes import (
     CELL_PX,
@@ -49,9 +48,9 @@ class Structure(NamedTuple):
     counts: CountArray
     light: FloatArray
     ends: FloatArray
-    sees_ground: npt.NDArray[np.bool_]
+    sees_ground: BoolArray
     smooth: FloatArray
-    ranks: npt.NDArray[np.uint8]
+    ranks: ByteArray
     graph: Graph
     chains: Chains
 
@@ -59,7 +58,7 @@ class Structure(NamedTuple):
 def find_structure(
     image: ImageArray,
     classes: ColourClasses,
-    usable: npt.NDArray[np.bool_],
+    usable: BoolArray,
     plane: ImagePlane,
     line_width_m: float,
     settings: LineGraphSettings,
@@ -79,7 +78,7 @@ def find_structure(
     return Structure(counts, light, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
 
 
-def _counted(image: ImageArray, classes: ColourClasses, usable: npt.NDArray[np.bool_]) -> tuple[CountArray, FloatArray]:
+def _counted(image: ImageArray, classes: ColourClasses, usable: BoolArray) -> tuple[CountArray, FloatArray]:
     light, washed = np.ones(usable.shape), np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
         carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
@@ -110,7 +109,7 @@ def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings
 
 
 @njit(cache=True, error_model="numpy")
-def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> npt.NDArray[np.int64]:
+def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> IntArray:
     """(rows,) of the low-pass: as many as a line that runs away from the camera is wide, in cells."""
     passes = np.ones(rows, dtype=np.int64)
     middle = plane.size[0] / 2.0

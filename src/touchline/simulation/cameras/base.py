@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray, Pose, tilt_rotation
+from touchline.geometry import BoolArray, Float32Array, FloatArray, Pose, tilt_rotation
 from touchline.simulation.cameras.image_sensor import ImageSensor, check_exposure
 from touchline.simulation.rendering.rendering import RayGrid, Renderer
 from touchline.simulation.rendering.scene import Scene
@@ -48,7 +47,7 @@ class SimulatedCameraModel:
         self.readout_s = readout_s
         self._make_grid, self._side = make_grid, side
         self._scene: Scene | None = None
-        self._cover: tuple[Sequence[tuple[float, float]], npt.NDArray[np.bool_]] | None = None
+        self._cover: tuple[Sequence[tuple[float, float]], BoolArray] | None = None
 
     @cached_property
     def _grid(self) -> RayGrid:
@@ -68,7 +67,7 @@ class SimulatedCameraModel:
         """Rows of the image."""
         return self._grid.shape[0]
 
-    def bent_rays(self, swing_rad: tuple[float, float]) -> npt.NDArray[np.float32] | None:
+    def bent_rays(self, swing_rad: tuple[float, float]) -> Float32Array | None:
         """(H, W, 6) by how much the rays differ where a mirror swings by so much about x and y; None: not at all."""
         return None
 
@@ -103,7 +102,7 @@ class SimulatedCameraModel:
         attitude: tuple[float, float] = (0.0, 0.0),
         motion: Motion | None = None,
         exposure_ms: float = 12.0,
-    ) -> npt.NDArray[np.float32]:
+    ) -> Float32Array:
         """Linear radiance (H, W, 3) float32, red green blue, before blur and sensor; see `render`.
 
         exposure_ms: over which a motion is averaged. The array is overwritten by the next call.
@@ -123,7 +122,7 @@ class SimulatedCameraModel:
 
     def paint_ratio(
         self, world: World, state: WorldState, robot_pose: Pose, attitude: tuple[float, float] = (0.0, 0.0)
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    ) -> tuple[Float32Array, Float32Array]:
         """`radiance` of a still robot, and how much of each pixel's light (H, W) comes from the field's lines."""
         whole = self.radiance(world, state, robot_pose, attitude).copy()
         assert self._scene is not None
@@ -141,7 +140,7 @@ class SimulatedCameraModel:
         attitude: tuple[float, float],
         exposure_ms: float,
         motion: Motion,
-    ) -> npt.NDArray[np.float32]:
+    ) -> Float32Array:
         steps = max(1, self.blur_steps)
         rows = self.height if self.readout_s > 0.0 else 1
         delays = (np.arange(rows) / max(rows - 1, 1) - 0.5) * self.readout_s if rows > 1 else np.zeros(1)
@@ -153,7 +152,7 @@ class SimulatedCameraModel:
         total /= np.float32(steps)
         return total
 
-    def _occlude(self, image: npt.NDArray[np.float32], state: WorldState) -> None:
+    def _occlude(self, image: Float32Array, state: WorldState) -> None:
         """A dark cover over directions of the base frame."""
         if not state.occluded_rad:
             return
@@ -161,7 +160,7 @@ class SimulatedCameraModel:
             self._cover = state.occluded_rad, self._covered(state.occluded_rad)
         image[self._cover[1]] = 0.0
 
-    def _covered(self, occluded_rad: Sequence[tuple[float, float]]) -> npt.NDArray[np.bool_]:
+    def _covered(self, occluded_rad: Sequence[tuple[float, float]]) -> BoolArray:
         """(H, W) the pixels that see nothing but the cover."""
         bearings = np.arctan2(self._grid.rays[..., 4], self._grid.rays[..., 3]).astype(np.float64)
         covered = np.zeros(bearings.shape, dtype=np.bool_)
@@ -176,7 +175,7 @@ def _body_at(pose: Pose, attitude: tuple[float, float], motion: Motion, time_s: 
     return field_from_body(moved(pose, motion, time_s), (roll, pitch))
 
 
-def with_glare(layer: npt.NDArray[np.float32], rays: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def with_glare(layer: Float32Array, rays: Float32Array) -> Float32Array:
     """Lay a glare over a camera's fixed layer (H, W, 4), in place: seen from above, the carpet's pile glistens.
 
     rays (H, W, 6): body frame. 2 % white at 0.6 m, a third of that for each further metre, as in the recordings.

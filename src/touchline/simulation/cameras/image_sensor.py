@@ -19,9 +19,9 @@ from typing import Any, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.geometry import ByteArray, Float32Array
 from touchline.sources.description import finite_number
 from touchline.sources.folder import Recording
 from touchline.types import ImageArray
@@ -50,7 +50,7 @@ class ImageSensor:
             raise InputError(f"image sensor: {what}")
 
     def develop(
-        self, radiance: npt.NDArray[np.float32], exposure_ms: float, gain: float, rng: np.random.Generator | None
+        self, radiance: Float32Array, exposure_ms: float, gain: float, rng: np.random.Generator | None
     ) -> ImageArray:
         """The picture (H, W, 3) uint8 BGR of linear radiance (H, W, 3) float32, red green blue.
 
@@ -100,11 +100,11 @@ _NOISE_COUNT = 1 << 22
 
 
 @lru_cache(maxsize=1)
-def _noise_table() -> npt.NDArray[np.float32]:
+def _noise_table() -> Float32Array:
     return np.random.default_rng(20130701).standard_normal(_NOISE_COUNT, dtype=np.float32)
 
 
-def noise_numbers(rng: np.random.Generator, count: int) -> npt.NDArray[np.float32]:
+def noise_numbers(rng: np.random.Generator, count: int) -> Float32Array:
     """Normal numbers (count,) of variance 1, the noise of an image of so many pixels: a part of one fixed table."""
     table = _noise_table()
     if count > len(table) // 4:
@@ -113,7 +113,7 @@ def noise_numbers(rng: np.random.Generator, count: int) -> npt.NDArray[np.float3
     return table[start : start + count]
 
 
-def _scattered(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _scattered(radiance: Float32Array) -> Float32Array:
     """The light (H, W, 3) that a lens throws around: a twentieth of the image's width, and over all of it."""
     height, width = radiance.shape[:2]
     small = cv2.resize(radiance, (max(width // 8, 1), max(height // 8, 1)), interpolation=cv2.INTER_AREA)
@@ -123,14 +123,14 @@ def _scattered(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 @lru_cache(maxsize=4)
-def _distance_squared(height: int, width: int) -> npt.NDArray[np.float32]:
+def _distance_squared(height: int, width: int) -> Float32Array:
     """(H, W) squared distance from the middle, 1 in the corners."""
     y, x = np.ogrid[-1.0 : 1.0 : height * 1j, -1.0 : 1.0 : width * 1j]
     return np.asarray((x * x * width**2 + y * y * height**2) / (width**2 + height**2), dtype=np.float32)
 
 
 @lru_cache(maxsize=8)
-def _response(gamma: float) -> npt.NDArray[np.uint8]:
+def _response(gamma: float) -> ByteArray:
     """The 8-bit code of each 16-bit value (65536,)."""
     return np.round(255.0 * (np.arange(65536) / 65535.0) ** (1.0 / gamma)).astype(np.uint8)
 
@@ -143,7 +143,7 @@ class LinearImageCamera:
 
     def __init__(
         self,
-        radiance: npt.NDArray[np.float32],
+        radiance: Float32Array,
         sensor: ImageSensor | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import Float32Array, FloatArray
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.cameras.mirror import MirrorProfile
 from touchline.simulation.cameras.mirror_rays import MirrorMount, design_range_table, ground_of_rays, mirror_rays
@@ -111,14 +111,14 @@ class SimulatedOmniCamera(SimulatedCameraModel):
                    for ahead, behind in self._swung(*polar)]  # fmt: skip
         return np.stack(columns, axis=-1)
 
-    def bent_rays(self, swing_rad: tuple[float, float]) -> npt.NDArray[np.float32] | None:
+    def bent_rays(self, swing_rad: tuple[float, float]) -> Float32Array | None:
         """(H, W, 6) by how much the rays differ where the mirror swings by so much about x and y; None: not at all."""
         if self.mirror is None or not any(swing_rad):
             return None
         return np.float32(swing_rad[0]) * self._rays_by_swing[0] + np.float32(swing_rad[1]) * self._rays_by_swing[1]
 
     @cached_property
-    def _rays_by_swing(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def _rays_by_swing(self) -> tuple[Float32Array, Float32Array]:
         """(H, W, 6) by how much each ray turns for each radian that the mirror leans more about x, and about y.
 
         Worked out on every _NODE_PX-th pixel, bilinear in between; nothing where a ray passes the mirror.
@@ -240,9 +240,7 @@ def _mirror_grid(
 
 
 @lru_cache(maxsize=4)
-def _head_layer(
-    size: tuple[int, int], center: tuple[float, float], inner_px: float, edge_px: float
-) -> npt.NDArray[np.float32]:
+def _head_layer(size: tuple[int, int], center: tuple[float, float], inner_px: float, edge_px: float) -> Float32Array:
     """Reflectance red, green, blue (premultiplied) and share of the pixel, (H, W, 4), of what turns with the robot.
 
     An octagonal body a little smaller than the inner radius, three rods half a hundredth of the radius thick on each

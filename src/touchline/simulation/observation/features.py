@@ -14,11 +14,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import Camera
 from touchline.field import Crossing, FieldModel
-from touchline.geometry import FloatArray, Pose, longest_run, wrap_angle, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, Pose, longest_run, wrap_angle, wrap_angles
 from touchline.simulation.observation.crossings import hidden
 from touchline.simulation.observation.feature_noise import FeatureNoise, LandmarkNoise
 from touchline.simulation.observation.observed_lines import NO_BODIES, NO_SECTORS, occluders
@@ -80,7 +79,7 @@ class ObservedFeatures:
         roll, pitch = math.radians(self.noise.lean_deg) * rng.standard_normal(2)
         return leaning(seen, float(roll), float(pitch), self.noise.height_m, self.noise.lean_deg)
 
-    def visible_crossings(self, looking: Looking) -> Mask:
+    def visible_crossings(self, looking: Looking) -> BoolArray:
         """(C,) which of the field's crossings are in view, with the ground about them."""
         visible = self.view.shows(looking, self._places, self.noise.farthest_crossing_m)
         if self.noise.ring_m > 0.0 and visible.any():
@@ -326,7 +325,6 @@ def _steps_along(segment: FloatArray) -> FloatArray:
 
 _NUDGE_M = 0.02  # by which a place is moved to see where a direction leads in the image
 _PX_PER_M = 300.0  # where the image does not show a place itself: the middle of a circle
-Mask = npt.NDArray[np.bool_]
 
 
 class Seen(NamedTuple):
@@ -352,7 +350,7 @@ class FeatureView:
         """tail: of all errors, as of `FeatureNoise`. view_rad: how far to each side the camera sees."""
         self.camera, self.farthest_m, self.tail, self.view_rad = camera, farthest_m, tail, view_rad
 
-    def shows(self, looking: Looking, places: FloatArray, farthest_m: float = math.inf) -> Mask:
+    def shows(self, looking: Looking, places: FloatArray, farthest_m: float = math.inf) -> BoolArray:
         """(N,) whether places are near enough, inside the image, and hidden by nothing."""
         pose = looking.pose
         ground = pose.inverse().transform(places)

@@ -2,10 +2,9 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import Float32Array, FloatArray
 
 _TILE_TEXELS, _LEVELS = 512, 9  # of the pile's pyramid
 _TEXEL_M = 0.006  # of its finest level: a tile of 3 m
@@ -17,7 +16,7 @@ _SEAM_DEPTH = 0.4  # by so much a seam is darker
 _PATCH = 0.15  # the pile's tile, enlarged by 1 / 0.15, tells where paint is rubbed off: patches of 4 cm
 
 
-def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:
+def pile_pyramid(rng: np.random.Generator) -> Float32Array:
     """Brightness of the pile: tiles one after the other, float32, mean 0, standard deviation 1 at the finest level.
 
     Level n is the finest one (512 x 512 texels) averaged over 2^n texels (512 / 2^n squared), so that a look-up at a
@@ -49,7 +48,7 @@ def wear_map(rng: np.random.Generator, columns: int, rows: int, step_m: float) -
 
 
 @njit(cache=True, error_model="numpy")
-def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float) -> float:
+def pile_at(pyramid: Float32Array, x: float, y: float, square: float) -> float:
     """Brightness of the pile (mean 0) at a point (m), smoothed to a footprint of that square (m^2).
 
     Between the texels of the level whose texel is the next larger, without kinks.
@@ -84,7 +83,7 @@ def seam_shade(carpet: FloatArray, x: float, width: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def rubbed_off(pyramid: npt.NDArray[np.float32], wear: FloatArray, x: float, y: float) -> tuple[float, float]:
+def rubbed_off(pyramid: Float32Array, wear: FloatArray, x: float, y: float) -> tuple[float, float]:
     """Share of the paint that is rubbed off at a point of a line, and share of the light that dirt takes.
 
     wear (2,): of the lines, scuffed ratio (patches a few centimetres large) and dirt (stretches of metres), 0 to 1.

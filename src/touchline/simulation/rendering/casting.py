@@ -5,14 +5,14 @@ many arrays.
 """
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
+
+from touchline.geometry import Float32Array
 
 FAR_M = 1e6
 SECTORS, BINS = 512, 128  # of the directions in which bodies are looked for, see `solids.sort_into_cells`
 CAST_ROWS = 9
 
-Float32Array = npt.NDArray[np.float32]
 Weights = tuple[np.float32, np.float32, np.float32, np.float32]
 
 

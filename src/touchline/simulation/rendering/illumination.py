@@ -3,17 +3,16 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, Float32Array, FloatArray
 
 HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE = 1, 2, 4, 8, 16  # what a flag cell of the ground holds
 FLAGS_PER_M = 32.0
 
 
 @njit(cache=True, error_model="numpy")
-def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x: float, y: float) -> float:
+def light_at(light: Float32Array, frame: FloatArray, channel: int, x: float, y: float) -> float:
     """Light level of the map (ny, nx, 5) at a point (m, field frame), bilinear; frame: x, y of [0, 0], samples per
     metre.
 
@@ -86,7 +85,7 @@ def contact_shadow(casters: FloatArray, x: float, y: float) -> float:
     return ratio
 
 
-def mark_shadows(casters: FloatArray, sun: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
+def mark_shadows(casters: FloatArray, sun: FloatArray, frame: FloatArray, flags: ByteArray) -> None:
     """Mark the flags (ny, nx) of cells near bodies, and where these may cut off sunlight. frame: x, y of the first."""
     for x, y, radius, height in casters:
         flags[_cells_around(x, y, 3.0 * radius, frame)] |= NEAR_BODY
@@ -107,7 +106,7 @@ def _cells_around(x: float, y: float, reach: float, frame: FloatArray) -> tuple[
 
 
 @njit(cache=True, error_model="numpy")
-def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
+def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags: ByteArray) -> None:
     """Set in flags (ny, nx) which cells the sun lights (SUNLIT), and in which it ends (SUN_EDGE): by their corners."""
     nobody, rows, columns = np.zeros((0, 4)), flags.shape[0], flags.shape[1]
     for j in range(rows + 1):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray, Int32Array
 from touchline.simulation.world.world import GroundMark
 
 CELL_M = 0.25
@@ -28,7 +28,7 @@ class PaintGrid(NamedTuple):
     """
 
     shapes: FloatArray
-    starts: npt.NDArray[np.int32]
+    starts: Int32Array
     items: npt.NDArray[np.int16]
     frame: FloatArray
 
@@ -59,7 +59,7 @@ def build_paint(field: FieldModel, marks: Sequence[GroundMark], hall: tuple[floa
 
 
 @njit(cache=True, error_model="numpy")
-def painted_cells(grid: PaintGrid, shape: tuple[int, int], per_m: int) -> npt.NDArray[np.bool_]:
+def painted_cells(grid: PaintGrid, shape: tuple[int, int], per_m: int) -> BoolArray:
     """(ny, nx) which of the cells from the grid's first corner on, 1 / per_m wide, may hold paint."""
     painted, reach, each = np.zeros(shape, dtype=np.bool_), np.sqrt(0.5) / per_m, int(per_m * CELL_M)
     for j in range(shape[0]):
@@ -72,7 +72,7 @@ def painted_cells(grid: PaintGrid, shape: tuple[int, int], per_m: int) -> npt.ND
 
 
 @njit(cache=True, error_model="numpy")
-def _near_cells(shapes: FloatArray, frame: FloatArray, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+def _near_cells(shapes: FloatArray, frame: FloatArray, shape: tuple[int, int]) -> BoolArray:
     """(P, ny, nx) which shapes come as near as its corners to the middle of each cell."""
     near, reach = np.zeros((len(shapes), *shape), dtype=np.bool_), np.sqrt(0.5) * CELL_M
     for k in range(len(shapes)):

@@ -10,10 +10,9 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import Float32Array, FloatArray, Int32Array, IntArray
 from touchline.simulation.rendering import solids as body
 from touchline.simulation.rendering.carpet import PILE, pile_at, rubbed_off, seam_shade
 from touchline.simulation.rendering.casting import CAST_ROWS, cast_rays
@@ -33,7 +32,6 @@ from touchline.simulation.rendering.scene import Scene, SceneArrays
 from touchline.simulation.rendering.solids import sort_into_cells
 from touchline.simulation.rendering.tracing import BOARD, CARPET, CEILING, FLOOR, Hits, trace_rays
 
-Float32Array = npt.NDArray[np.float32]
 _NET_REFLECTANCE = 0.72
 _RIM_M = 1e-4  # so near to its upper or lower end a side is shaded as the end is
 _WALL_BLOTCH, _BODY_BLOTCH = 0.025, 0.005  # contrast of blotches on walls and on bodies
@@ -223,8 +221,8 @@ class SampleRays(NamedTuple):
     """
 
     rays: Float32Array
-    pixels: npt.NDArray[np.int32]
-    starts: npt.NDArray[np.int64]
+    pixels: Int32Array
+    starts: IntArray
     widths: Float32Array
     open_ratio: Float32Array
     each: int

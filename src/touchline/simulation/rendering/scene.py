@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, Float32Array, FloatArray
 from touchline.simulation.rendering.carpet import SEAM_M, SEAM_OFFSET, pile_pyramid, wear_map
 from touchline.simulation.rendering.illumination import (
     FLAGS_PER_M,
@@ -47,13 +47,13 @@ class SceneArrays(NamedTuple):
     palette: FloatArray
     room: FloatArray
     room_colours: FloatArray
-    flags: npt.NDArray[np.uint8]
+    flags: ByteArray
     paint: PaintGrid
     paints: FloatArray
     wear: FloatArray
     carpet: FloatArray
-    pyramid: npt.NDArray[np.float32]
-    light: npt.NDArray[np.float32]
+    pyramid: Float32Array
+    light: Float32Array
     light_frame: FloatArray
     casters: FloatArray
     sun: FloatArray
@@ -70,9 +70,9 @@ class Scene:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.flags: npt.NDArray[np.uint8]
-        self._still_flags: npt.NDArray[np.uint8]
-        self._lit_flags: npt.NDArray[np.uint8]
+        self.flags: ByteArray
+        self._still_flags: ByteArray
+        self._lit_flags: ByteArray
         rng = np.random.default_rng([world.seed, 23])
         field = world.field
         board = field.length + 2.0 * field.border, field.width + 2.0 * field.border

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, Int32Array, IntArray
 from touchline.simulation.rendering.casting import BINS, SECTORS
 from touchline.simulation.world.world import PAINTS, BallActor, Block, BlockKind, Colour, RobotActor, robot_blocks
 
@@ -96,7 +96,7 @@ def ball_row(ball: BallActor, palette: Palette) -> list[float]:
     return [float(BALL), ball.x, ball.y, 1.0, 0.0, r, r, 0.0, 2.0 * r, r, first, 1.0, -1.0]
 
 
-def robot_rows(robots: Sequence[RobotActor], palette: Palette) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def robot_rows(robots: Sequence[RobotActor], palette: Palette) -> tuple[FloatArray, IntArray]:
     """Rows of all robots' bodies in their own frames, and the robot that each belongs to."""
     rows, owners = [], []
     for number, robot in enumerate(robots):
@@ -126,7 +126,7 @@ class Cells(NamedTuple):
     starts (cells + 1,), items: numbers of bodies, cell by cell; near (K,): from how near on (m) each may be met.
     """
 
-    starts: npt.NDArray[np.int32]
+    starts: Int32Array
     items: npt.NDArray[np.int16]
     near: FloatArray
 

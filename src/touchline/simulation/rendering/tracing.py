@@ -7,10 +7,9 @@ height gained per metre. Codes of what was met: the number of a solid, or one of
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import Float32Array, FloatArray, Int32Array
 from touchline.simulation.rendering import solids as body
 from touchline.simulation.rendering.scene import SceneArrays
 
@@ -21,8 +20,8 @@ CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west
 class Hits(NamedTuple):
     """What rays met. codes (N,); places (4, N) float32: x, y, z (m, field frame), share of light that nets let by."""
 
-    codes: npt.NDArray[np.int32]
-    places: npt.NDArray[np.float32]
+    codes: Int32Array
+    places: Float32Array
 
 
 class Ray(NamedTuple):
@@ -37,7 +36,7 @@ class Ray(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def trace_rays(scene: SceneArrays, cast: npt.NDArray[np.float32], count: int, net_angle: float, hits: Hits) -> None:
+def trace_rays(scene: SceneArrays, cast: Float32Array, count: int, net_angle: float, hits: Hits) -> None:
     """Fill the first `count` hits of cast rays (9, >= count), see `casting`; net_angle (rad): the width of a ray."""
     solids, starts, items, near = scene.solids, scene.cells.starts, scene.cells.items, scene.cells.near
     for i in range(count):

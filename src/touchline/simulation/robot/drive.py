@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.simulation.robot.track import STEP_S
 
 
@@ -34,7 +33,7 @@ class Jumps:
     carried: rows at which it is put down elsewhere, and the poses (K, 3) there. shoved: (N, 3), field frame.
     """
 
-    carried_rows: npt.NDArray[np.int64]
+    carried_rows: IntArray
     carried_to: FloatArray
     shoved: FloatArray
 

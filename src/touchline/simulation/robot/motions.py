@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from touchline.simulation.robot.drive import DriveLimits, Jumps, drive_through
 from touchline.simulation.robot.match import CARRIED, Happening, lean_in_falls, make_match
 from touchline.simulation.robot.noise import drift
@@ -53,9 +52,7 @@ def make_track(scenario: Scenario, field: FieldModel, rng: np.random.Generator) 
     return Track(poses, shoved, carried, attitude, covered, tuple(happened), match)
 
 
-def _played(
-    match: Sequence[Happening], rows: int, drive: Callable[[Jumps], FloatArray]
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def _played(match: Sequence[Happening], rows: int, drive: Callable[[Jumps], FloatArray]) -> tuple[FloatArray, IntArray]:
     """Poses (rows, 3) of a robot that goes nowhere while something happens to it, and at which rows it is moved."""
     stands = np.zeros(rows, dtype=np.bool_)
     for each in match:
@@ -179,7 +176,7 @@ _CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
 
 def _kidnaps(
     scenario: Scenario, field: FieldModel, rows: int, rng: np.random.Generator
-) -> tuple[npt.NDArray[np.int64], FloatArray, npt.NDArray[np.bool_], tuple[dict[str, Any], ...]]:
+) -> tuple[IntArray, FloatArray, BoolArray, tuple[dict[str, Any], ...]]:
     """Rows and places of kidnaps; the jump lies half an image period before the first image at the new place."""
     disturbances, period_s = scenario.disturbances, 1.0 / scenario.camera.rate_hz
     covered = np.zeros(rows, dtype=np.bool_)

@@ -8,12 +8,11 @@ import math
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, Field, model_validator
 
 from touchline.config import Settings
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import FloatArray, IntArray, wrap_angles
 from touchline.messages import did_you_mean
 from touchline.simulation.robot.noise import PlaceDisturbance, drift, random_walk
 from touchline.simulation.robot.track import STEP_S, Track, poses_from_twists
@@ -192,7 +191,7 @@ def simulate_imu(track: Track, noise: ImuNoise, rng: np.random.Generator) -> Flo
     return np.column_stack((tilt, wrap_angles(heading), rates))
 
 
-def arrived_by(samples: Samples, stamps_ns: npt.NDArray[np.int64]) -> list[int]:
+def arrived_by(samples: Samples, stamps_ns: IntArray) -> list[int]:
     """How many of the samples have arrived by each of the stamps (N,), with 0 for the time before all in front."""
     return [0, *np.searchsorted(samples.stamp_ns, stamps_ns, side="right").tolist()]
 
@@ -218,5 +217,5 @@ def _per_sample(steps: FloatArray) -> FloatArray:
 
 
 def _stamped(values: FloatArray) -> Samples:
-    stamps: npt.NDArray[np.int64] = np.arange(len(values), dtype=np.int64) * round(SENSOR_PERIOD_S * 1e9)
+    stamps: IntArray = np.arange(len(values), dtype=np.int64) * round(SENSOR_PERIOD_S * 1e9)
     return Samples(stamps, np.round(values, _DIGITS))

@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.geometry import BoolArray, FloatArray, Pose, wrap_angles
 
 STEP_S = 0.01  # of all tracks: an even share of the sensors' 20 ms, short against any motion of a soccer robot
 
@@ -28,7 +27,7 @@ class Track:
     shoved: FloatArray
     carried: FloatArray
     attitude: FloatArray
-    covered: npt.NDArray[np.bool_]
+    covered: BoolArray
     events: tuple[Mapping[str, Any], ...] = ()
     match: tuple[Any, ...] = ()
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from touchline.geometry import IntArray
 from touchline.sources.bags.cdr_header import read_text
 from touchline.sources.bags.layout import IMAGE_ROWS, IMAGES, TABLES, WHOLE
 from touchline.sources.bags.messages import Bag
@@ -22,7 +22,7 @@ class ImagePlaces(NamedTuple):
     """
 
     topic: str
-    places: npt.NDArray[np.int64]
+    places: IntArray
 
 
 def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
@@ -53,9 +53,7 @@ def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
     return ImagePlaces(IMAGES, _joined(np.array(row_times), np.array(image_times), np.array(places).reshape(-1, 2)))
 
 
-def _joined(
-    row_times: npt.NDArray[np.int64], image_times: npt.NDArray[np.int64], places: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int64]:
+def _joined(row_times: IntArray, image_times: IntArray, places: IntArray) -> IntArray:
     """(N, 2) the place of the image that was logged at the time of each row."""
     found = np.full((len(row_times), 2), -1, dtype=np.int64)
     order = np.argsort(image_times, kind="stable")

@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from touchline.camera import Camera, GroundView
 from touchline.evaluation.latency import START_FRAMES
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
 from touchline.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, rgb
@@ -114,7 +113,7 @@ class RunView:
         seen = estimate.observation or Observation(estimate.stamp_ns)
         rerun, points = self._rerun, seen.points
         known = np.isfinite(points.pixels).all(axis=1)
-        on_line: npt.NDArray[np.bool_] = np.ones(len(points), dtype=np.bool_)
+        on_line: BoolArray = np.ones(len(points), dtype=np.bool_)
         if located and len(points):
             on_line = self._field.line_distances(estimate.pose.transform(points.positions_m)) <= ON_LINE_M
         colors = [rgb(SKY if near else ORANGE) for near in on_line[known].tolist()]
