@@ -75,14 +75,13 @@ class Simulation:
         self,
         scenario: Scenario,
         level: str = "images",
-        noise: ObservationNoise | None = None,
         feature_noise: FeatureNoise | None = None,
         eyes: Eyes | None = None,
     ) -> None:
         """Raises InputError, in one message, for whatever is wrong with the scenario.
 
-        noise: of the observation level's points, feature_noise: of a perspective camera's features there; none: as
-        fitted to the detector. eyes: of a mirror, instead of NuBot's detector.
+        feature_noise: of a perspective camera's features at the observation level; none: as fitted to the detector.
+        eyes: of a mirror, instead of NuBot's detector.
         """
         if level not in LEVELS:
             raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
@@ -107,7 +106,7 @@ class Simulation:
         self.arrival_stamps = _arrivals(scenario, taken, streams["delays"])
         self.image_stamps = self.arrival_stamps if scenario.camera.stamped == "arrived" else taken
         self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
-        self._noise, self._feature_noise, self._eyes = noise, feature_noise, eyes or Eyes()
+        self._feature_noise, self._eyes = feature_noise, eyes or Eyes()
         self._index = 0
         self._grabs = 0
         self.exposure_ms, self.gain = scenario.camera.exposure_ms, scenario.camera.gain
@@ -287,13 +286,13 @@ class Simulation:
         view = leaning_view(float(design.base_from_camera.translation_m[2]), design.fx, _PINHOLE_REACH_M)
         half = 0.5 * design.width / design.fx
         half_rad = half if kind == "fisheye" else math.atan(half)
-        return ObservedLines(view, self.field, self._noise or _PINHOLE_NOISE, view_rad=half_rad, seed=seed)
+        return ObservedLines(view, self.field, _PINHOLE_NOISE, view_rad=half_rad, seed=seed)
 
     @property
     def _point_noise(self) -> ObservationNoise | None:
         """Of points seen through a mirror; a scenario's own deviation stands for NuBot's, and adds to other eyes'."""
-        noise, noise_px = self._noise or self._eyes.noise, self.scenario.camera.line_noise_px
-        if self._noise is not None or noise_px is None:
+        noise, noise_px = self._eyes.noise, self.scenario.camera.line_noise_px
+        if noise_px is None:
             return noise
         if noise is None:
             return ObservationNoise(noise_px=noise_px)

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.matrices import copy_row
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
@@ -148,7 +149,7 @@ def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ign
         if not limits.subpixel:
             if _is_long(line, plane, limits):
                 confidences[kept] = 0.8
-                _copy(line, lines[kept])
+                copy_row(line, lines[kept])
                 kept += 1
             continue
         confidence, count = refine_line(pixels, plane, line, points[total:])
@@ -163,15 +164,9 @@ def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ign
         if is_thread(pixels, plane, line, contrast / count):
             continue
         confidences[kept] = confidence
-        _copy(line, lines[kept])
+        copy_row(line, lines[kept])
         kept, total = kept + 1, total + count
     return kept, total
-
-
-@njit(cache=True)
-def _copy(line: FloatArray, to: FloatArray) -> None:
-    for k in range(len(line)):  # copying it at once would take two seconds to compile
-        to[k] = line[k]
 
 
 @njit(cache=True, error_model="numpy")
