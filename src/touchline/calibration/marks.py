@@ -30,10 +30,6 @@ class Marks:
     places_m: FloatArray
     lines: tuple[int, ...]
 
-    def place_in_file(self, index: int) -> str:
-        """What a mark is called in messages."""
-        return f"{self.path}, line {self.lines[index]} ({self.names[index]})"
-
 
 def read_marks(path: Path) -> Marks:
     """All marks of a file `file,name,u,v,x_m,y_m`. Raises InputError with file and line for what can't be read."""

@@ -105,7 +105,7 @@ def marked_pairs(file: Path, camera_file: Path, handedness: int | None = None) -
     """
     marks = read_marks(file)
     known = np.flatnonzero(np.isfinite(marks.places_m).all(axis=1)).tolist()
-    places = [marks.place_in_file(i) for i in known]
+    places = [f"{marks.path}, line {marks.lines[i]} ({marks.names[i]})" for i in known]
     if not known:
         raise InputError(f"{file}: none of its marks has a known place (x_m, y_m): nothing to fit a range to")
     (u, v), (x_m, y_m) = marks.pixels[known].T, marks.places_m[known].T

@@ -74,7 +74,8 @@ def _half_way(
         if np.sign(levels[k + 1] - levels[k]) != strip.signs[k]:
             if is_end:
                 continue
-            raise InputError(f"{edge_name(strip, k)} is out of order: it should get {_tone(strip, k)} there")
+            tone = "brighter" if strip.signs[k] > 0 else "darker"
+            raise InputError(f"{edge_name(strip, k)} is out of order: it should get {tone} outwards there")
         crossed = crossings(r, light, 0.5 * (levels[k] + levels[k + 1]))
         near = crossed[np.abs(crossed - rough) < 0.5 * min(lengths[k], lengths[k + 1])]
         if len(near):
@@ -127,10 +128,6 @@ def _carpet_beside(view: View, axis: StripAxis, edges_px: FloatArray, strip: Str
 def edge_name(strip: Strip, k: int) -> str:
     """An edge as messages name it."""
     return f"edge {k + 1} of {len(strip.edges_m)} ({strip.edges_m[k]:g} m)"
-
-
-def _tone(strip: Strip, k: int) -> str:
-    return "brighter outwards" if strip.signs[k] > 0 else "darker outwards"
 
 
 def edge_spread(r: FloatArray, light: FloatArray, edges: FloatArray, levels: FloatArray, chosen: slice) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from touchline.camera import PERSPECTIVE_MODELS
 from touchline.checks.delay import base_steps
 from touchline.checks.findings import Finding, Severity, graded
-from touchline.checks.survey import Survey
+from touchline.checks.survey import MOTION_COLUMNS, Survey
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, runs_of
 from touchline.sources.description import FIELD, finite_number
@@ -111,7 +111,7 @@ def check_stuck(survey: Survey) -> Iterator[Finding]:
         (("x", "y"), "odometry.csv", "x", travelled, 0.3, "m"),
         (("a", "b"), "wheels.csv", "a", travelled, 0.3, "m"),
     ):
-        still = ~np.any([survey.column_changed(name)[1:] for name in names], axis=0)
+        still = ~survey.changed[1:, [MOTION_COLUMNS.index(name) for name in names]].any(axis=1)
         still &= np.isfinite(survey.column(own)[1:])
         for start, stop in runs_of(still):
             seconds = survey.stamps_s[stop] - survey.stamps_s[start]

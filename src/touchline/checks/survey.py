@@ -239,10 +239,6 @@ class Survey:
         """(N - 1,) by how much an angle of MOTION_COLUMNS turns from image to image (rad)."""
         return wrap_angles(np.diff(self.column(name)))
 
-    def column_changed(self, name: str) -> BoolArray:
-        """Whether one of MOTION_COLUMNS changed since the image before (N,)."""
-        return self.changed[:, MOTION_COLUMNS.index(name)]
-
 
 def take_survey(recording: Recording, progress: Callable[[], None] = lambda: None) -> Survey:
     """Read the whole recording once; `progress` is called after every image."""

@@ -17,7 +17,7 @@ from touchline.files.new import check_new_file, file_name
 
 if TYPE_CHECKING:
     from touchline.calibration.field_sizes.measure import FieldMeasurement
-    from touchline.field import FieldModel, Goal
+    from touchline.field import FieldModel
     from touchline.types import LinePoints
 
 
@@ -185,7 +185,8 @@ def _counts(field: FieldModel) -> Table:
     goal_posts = [post for post in field.posts if post.kind == "goal"]
     poles = [post for post in field.posts if post.kind == "pole"]
     corners, tees, crosses = _crossing_counts(field)
-    goals = sorted({(goal.height, goal.depth, _inside_m(goal)) for goal in field.goals})
+    inside_m = (round(max(goal.y_posts) - min(goal.y_posts) - goal.post_width, 6) for goal in field.goals)
+    goals = sorted({(goal.height, goal.depth, wide) for goal, wide in zip(field.goals, inside_m, strict=True)})
     rows = (
         ("segments, circles, arcs", f"{len(field.segments)}, {len(field.circles)}, {len(field.arcs)}"),
         ("marks", str(len(field.discs))),
@@ -196,10 +197,6 @@ def _counts(field: FieldModel) -> Table:
         ("same after half a turn", "yes" if field.is_symmetric else "no"),
     )
     return _table("what", "count", rows=rows)
-
-
-def _inside_m(goal: Goal) -> float:
-    return round(max(goal.y_posts) - min(goal.y_posts) - goal.post_width, 6)
 
 
 def _with_colors(posts: list[Any]) -> str:

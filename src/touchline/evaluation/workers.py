@@ -93,16 +93,13 @@ def open_workers(count: int = 1, dask: str | None = None) -> Iterator[Workers]:
     elif count == 1:
         yield Here()
     else:
-        executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_leave_interrupts)
+        # a Ctrl-C is for the process that hands out the tasks
+        ignored, spawn = (signal.SIGINT, signal.SIG_IGN), get_context("spawn")
+        executor = ProcessPoolExecutor(count, mp_context=spawn, initializer=signal.signal, initargs=ignored)
         try:
             yield _Pool(executor)
         finally:
             executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _leave_interrupts() -> None:
-    """A Ctrl-C is for the process that hands out the tasks."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _client(address: str) -> Any:

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.drives import Drive
+from touchline.experiments.drives import Drive, drive_of
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
 from touchline.experiments.injections import SLIP_S, covered, gyro_drifting, slipped
-from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, drive, iris_drive
+from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, drive, open_iris
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.simulation.scenario import open_scenario
 
@@ -85,7 +85,7 @@ def disturbed_drive(kind: str, case: Case, paper: bool = False) -> Outcome:
 def _taken(case: Case) -> Drive:
     """A scenario without shoves; kept for the next disturbance of the same drive."""
     changes = (*case.changes, "disturbances.shove_every_s=0", f"field={case.field}")
-    return iris_drive(open_scenario(case.scenario, case.seed, SECONDS, changes), case.level, case.seed)
+    return drive_of(*open_iris(open_scenario(case.scenario, case.seed, SECONDS, changes), case.level, case.seed))
 
 
 def outcome_of(driven: IrisDrive, ends_s: float) -> Outcome:

@@ -58,7 +58,7 @@ def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper:
 def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
     """A tour, kept for the other form."""
     rate = (f"camera.rate_hz={IMAGE_HZ:g}",) if level == "images" else ()
-    return iris.iris_drive(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed)
+    return drive_of(*iris.open_iris(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed))
 
 
 def all_tours(seeds: int) -> tuple[iris.Runs, iris.Runs]:
@@ -301,7 +301,7 @@ def _taken_to_b(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
     scenario = open_scenario(SCENARIO, seed, SECONDS, changes)
     waypoints = {"kind": "waypoints", "waypoints": FROM_A_TO_B, "dwell_s": 1.0, "speed_m_s": 1.2}
     motion = type(scenario.motion).model_validate(waypoints)
-    taken = iris.iris_drive(scenario.model_copy(update={"motion": motion}), level, seed)
+    taken = drive_of(*iris.open_iris(scenario.model_copy(update={"motion": motion}), level, seed))
     return functools.reduce(lambda drive, hidden: covered(drive, *hidden), HIDDEN_S, taken)
 
 

@@ -14,7 +14,7 @@ from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
 from touchline.camera import require_omni
 from touchline.config import Settings
-from touchline.experiments.drives import Drive, Track, drive_of
+from touchline.experiments.drives import Drive, Track
 from touchline.experiments.harness import gathered
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray, Pose, wrap_angles
@@ -203,12 +203,6 @@ def range_regression(simulation: Simulation, rng: np.random.Generator) -> RangeR
     return fit_range(
         RangePairs(np.hypot(*offset.T), ranges, np.arctan2(offset[:, 1], offset[:, 0]), places, words, optics)
     )
-
-
-def iris_drive(scenario: Scenario, level: str, seed: int) -> Drive:
-    """The drive of `open_iris`."""
-    simulation, setup = open_iris(scenario, level, seed)
-    return drive_of(simulation, setup)
 
 
 def open_iris(scenario: Scenario, level: str, seed: int) -> tuple[Simulation, RobotSetup]:

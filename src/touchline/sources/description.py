@@ -49,9 +49,9 @@ def read_description(folder: OwnFolder, log: ProblemLog) -> Description:
     there = camera_file.exists() and sequence.get("camera") != NO_CAMERA
     model = read_yaml_mapping(camera_file) if there else None
     kind = _camera_kind(path, sequence.get("camera"), camera_file, model)
-    sensor = sequence.get("sensor")
+    sensor, name = sequence.get("sensor"), str(sequence.get("name", folder.path.resolve().name))
     return Description(
-        name=_printable(str(sequence.get("name", folder.path.resolve().name))),
+        name="".join(each if each.isprintable() else " " for each in name[:_MAX_NAME]),  # what a terminal would obey
         sequence=sequence,
         camera_kind=kind,
         camera_file=None if model is None else camera_file,
@@ -86,11 +86,6 @@ def _image_size(model: Mapping[str, Any]) -> tuple[int, int] | None:
     size = (model.get("width"), model.get("height"))
     width, height = (s if isinstance(s, int) and not isinstance(s, bool) and s > 0 else None for s in size)
     return None if width is None or height is None else (width, height)
-
-
-def _printable(name: str) -> str:
-    """The name without what a terminal would obey, on one line."""
-    return "".join(letter if letter.isprintable() else " " for letter in name[:_MAX_NAME])
 
 
 def _field_source(folder: OwnFolder, path: Path, name: object) -> str | Path:

@@ -72,7 +72,7 @@ def open_screen(view: str | None, file: Path | None = None) -> Screen:
         page = PageServer(
             page_port, f"?url=rerun%2Bhttp%3A%2F%2F{_LOOPBACK}%3A{port}%2Fproxy&hide_welcome_screen=1", port
         )
-    stream.connect_grpc(_address(port))
+    stream.connect_grpc(f"rerun+http://{_LOOPBACK}:{port}/proxy")
     return Screen(stream, process, page)
 
 
@@ -84,10 +84,6 @@ def _file_screen(stream: Any, file: Path) -> Screen:
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({error.strerror})") from None
     return Screen(stream)
-
-
-def _address(port: int) -> str:
-    return f"rerun+http://{_LOOPBACK}:{port}/proxy"
 
 
 def _free_port() -> int:
