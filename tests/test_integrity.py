@@ -257,6 +257,25 @@ def test_what_was_driven_before_a_clock_was_set_refutes_nothing_of_it(late_s: fl
     assert any(refuted) is (late_s == 0.0)
 
 
+def test_images_that_lay_on_no_line_leave_a_pose_on_probation() -> None:
+    """A field that fits here and there is refuted again and again: what fits next has to do so for a while."""
+    integrity = open_system("touchline", match().setup).safeguard.integrity  # type: ignore[attr-defined]
+    follows, elsewhere, doubts = Jump(Pose(0.0, 0.0, 0.0), False), Jump(Pose(0.0, 0.0, 0.0), True), []
+    images = [
+        *15 * [(2.0, 0.3, follows)],
+        *20 * [(0.5, 0.9, follows)],
+        (0.5, 0.9, elsewhere),
+        *31 * [(0.5, 0.9, follows)],
+    ]
+    for k, (share, newest, jump) in enumerate(images):
+        integrity.statistics, integrity._shares = {"share": share, "chance": 0.0}, [newest]
+        integrity._take_probation(100_000_000 * (k + 1), jump)
+        doubts.append("lay on no line" in integrity._doubt)
+    assert not any(doubts[:11])
+    assert all(doubts[12:64])
+    assert not doubts[-1]
+
+
 def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
     drive, coverage = match(), LineCoverage()
     seen = [frame.observation.points.positions_m for frame in drive.frames if frame.observation is not None]

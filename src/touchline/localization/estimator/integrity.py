@@ -43,6 +43,9 @@ GOOD_IMAGES = (
     2  # in a row, in which a pose found in the own half is as good as the right one is (`GOOD`), until it counts
 )
 JUMP_M = 0.25  # of the pose, after which that holds for some images
+# time for which images were of another field, or of clutter, after which a pose has to be a good one for a while; by
+# how much of it is forgotten in a second; what a good image explains
+FOREIGN_S, FORGOTTEN_PER_S, PROBATION_S, GOOD_SHARE = 1.0, 0.02, 3.0, 0.8
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
@@ -128,6 +131,7 @@ class Integrity:
         self.lag_s = 0.0  # by which images may be stamped late since a jump
         self._chance, self._since_chance = 0.0, CHANCE_EVERY
         self._deficit = self._error_z = self._outside_m = 0.0
+        self._foreign_s, self._good_s, self._before_ns = 0.0, 0.0, 0  # of images that lay on no lines; of good ones
         self._points, self._same_since_ns = b"", 0
         self._repeated_s = 0.0
 
@@ -148,6 +152,8 @@ class Integrity:
         """Why a pose that is consistent may not be tracked; empty where it may."""
         if not self._coverage.shown:
             return "found elsewhere, where more lines would be seen than are"
+        if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S:
+            return "what was seen of late lay on no line: another field, clutter, or camera.yaml"
         return self.offsets.doubt
 
     def is_consistent(self, min_share: float) -> bool:
@@ -276,6 +282,7 @@ class Integrity:
         self._outside_m = max(max(abs(x) - reach_x, abs(y) - reach_y) + OUTSIDE_M, 0.0)
         self._take_repetition(stamp_ns, image, last, history)
         self._judge()
+        self._take_probation(stamp_ns, jump)
         if self.lag_s and self.relation.refutes_lag(self.lag_s):
             self.lag_s = 0.0
         if jump.predicted is not None and self.verdict is ALL_WELL:
@@ -365,6 +372,17 @@ class Integrity:
         upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
         self._coverage.update(self._field.line_tables, upright, best.fit.state[:3], jump.elsewhere, self.is_settled)
         self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
+
+    def _take_probation(self, stamp_ns: int, jump: Jump) -> None:
+        """A field that fits here and there is refuted again and again, and clutter ends: a good pose stays one."""
+        seconds = min(1e-9 * (stamp_ns - self._before_ns), 1.0) if self._before_ns else 0.0
+        self._before_ns = stamp_ns
+        if not self.relation.all_round:
+            return
+        foreign = max(self.statistics["share"], self.statistics["chance"]) >= 1.0
+        self._foreign_s += seconds * (foreign - FORGOTTEN_PER_S * self._foreign_s)
+        good = not (foreign or jump.elsewhere) and self._shares[-1] >= GOOD_SHARE
+        self._good_s = self._good_s + seconds if good else 0.0
 
     def _clock_lag(self, late_s: float) -> float:
         """By how much images may be stamped wrongly since their clock was set (s), until the motion refutes that."""
