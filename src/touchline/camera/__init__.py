@@ -46,3 +46,22 @@ def camera_from_mapping(tree: dict[str, Any], path: Path) -> Camera:
 def perspective_mapping(camera: PerspectiveCamera) -> dict[str, Any]:
     """The camera.yaml of a camera with a lens."""
     return pinhole_mapping(camera) if isinstance(camera, PinholeCamera) else lens_mapping(camera)
+
+
+__all__ = [
+    "PERSPECTIVE_MODELS",
+    "Camera",
+    "FisheyeCamera",
+    "GroundView",
+    "OmniCamera",
+    "PerspectiveCamera",
+    "PinholeCamera",
+    "camera_from_mapping",
+    "field_of_view",
+    "ground_view",
+    "leaning",
+    "open_camera",
+    "perspective_mapping",
+    "pose_in_base",
+    "require_omni",
+]

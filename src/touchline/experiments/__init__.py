@@ -85,3 +85,6 @@ def chosen_experiments(name: str) -> list[Experiment]:
     if name not in EXPERIMENTS:
         raise InputError(f"experiment '{name}' is unknown; {did_you_mean(name, ['all', *EXPERIMENTS])}")
     return [EXPERIMENTS[name]]
+
+
+__all__ = ["DEFAULT_SEEDS", "EXPERIMENTS", "Experiment", "ExperimentResult", "chosen_experiments"]

@@ -8,3 +8,17 @@ from touchline.motion.history import MotionHistory, Orientation
 from touchline.motion.lean import LeanFilter
 from touchline.motion.odometry import Motion, OdometrySettings
 from touchline.motion.wheels import WheelSettings
+
+__all__ = [
+    "CompassTrackSettings",
+    "DeadReckoning",
+    "FrameClock",
+    "FrameOrder",
+    "GyroSettings",
+    "LeanFilter",
+    "Motion",
+    "MotionHistory",
+    "OdometrySettings",
+    "Orientation",
+    "WheelSettings",
+]

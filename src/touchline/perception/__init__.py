@@ -8,3 +8,19 @@ from touchline.perception.line_graph.patches import line_graph_detector
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
+
+__all__ = [
+    "Detector",
+    "HsvLineDetector",
+    "HsvLinePaper",
+    "HsvLineSettings",
+    "LearningSettings",
+    "LineGraphDetector",
+    "LineGraphSettings",
+    "LinePointDetector",
+    "LinePointSettings",
+    "SelfLearningDetector",
+    "detector_for",
+    "line_graph_detector",
+    "observe",
+]

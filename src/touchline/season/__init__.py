@@ -2,3 +2,5 @@
 
 from touchline.season.recordings import find_recordings, is_season
 from touchline.season.runs import Command, localize_all
+
+__all__ = ["Command", "find_recordings", "is_season", "localize_all"]

@@ -11,6 +11,18 @@ from touchline.sources.other_files import refuse_other_files
 from touchline.sources.problems import Problem, ProblemKind, ProblemLog
 from touchline.sources.truth import Truth
 
+__all__ = [
+    "SENSOR_FILES",
+    "BagOptions",
+    "Problem",
+    "ProblemKind",
+    "ProblemLog",
+    "Recording",
+    "Truth",
+    "is_recording",
+    "open_source",
+]
+
 
 def is_recording(path: Path) -> bool:
     """Whether a path is that of a folder or a bag, rather than of a single image or table."""

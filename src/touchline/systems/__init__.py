@@ -163,3 +163,16 @@ def open_system(
     if not isinstance(rng, np.random.Generator):
         rng = np.random.default_rng(0 if rng is None else given_seed(rng))
     return info.factory(setup, chosen, rng)
+
+
+__all__ = [
+    "DEFAULT_SYSTEM",
+    "SYSTEMS",
+    "LocalizationSystem",
+    "Needs",
+    "RobotSetup",
+    "SystemInfo",
+    "open_system",
+    "paper_settings",
+    "system_info",
+]

@@ -2,3 +2,15 @@
 
 from touchline.evaluation.tuning.search import Search, tune
 from touchline.evaluation.tuning.trial import Dimension, Score, Task, Trial, dimension_from_text, score_of, tasks_on
+
+__all__ = [
+    "Dimension",
+    "Score",
+    "Search",
+    "Task",
+    "Trial",
+    "dimension_from_text",
+    "score_of",
+    "tasks_on",
+    "tune",
+]

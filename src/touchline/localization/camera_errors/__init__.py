@@ -10,3 +10,6 @@ def camera_errors(camera: Camera | None, height_m: float | None = None) -> Camer
     """Those of a camera; without one of a perspective camera at a height, or of an undescribed mirror."""
     perspective = height_m is not None if camera is None else camera.model != "omni"
     return perspective_errors(camera, height_m) if perspective else mirror_errors(camera)
+
+
+__all__ = ["CameraErrors", "camera_errors"]

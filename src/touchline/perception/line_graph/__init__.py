@@ -2,3 +2,5 @@
 
 from touchline.perception.line_graph.detector import LineGraphDetector
 from touchline.perception.line_graph.settings import LineGraphPaper, LineGraphSettings
+
+__all__ = ["LineGraphDetector", "LineGraphPaper", "LineGraphSettings"]
