@@ -393,6 +393,25 @@ def test_a_played_recording_tells_its_camera_and_how_it_leans(small_data: Path) 
     link.close()
 
 
+def test_a_late_image_is_played_with_the_lean_of_its_own_time(small_data: Path) -> None:
+    camera = ros_camera(open_source(small_data / "humanoid_9x6_walk"))
+    assert camera is not None
+    codec, reader, heard = Codec(), RosReader(), []
+    writer = RosWriter(codec, camera=camera)
+    image = (EXAMPLE / "images" / "000003.jpg").read_bytes()
+    leans = [Reading("attitude", 100_000_000 * k, (0.02 * k, 0.0)) for k in range(1, 6)]
+    roles = {"/tf": "tf", "/camera_info": "camera_info", "/image/compressed": "image", "/imu/data": "imu"}
+    first, late = (Picture(stamp_ns, image, None, None) for stamp_ns in (200_000_000, 300_000_000))
+    for event in (*leans[:2], first, *leans[2:], late):
+        for out in writer.played(event):
+            data = codec.encode(out.kind, out.message)
+            heard += reader.read(roles[out.topic], codec.decode(Topic(out.topic, out.kind, "cdr", None, 1), data))
+    found = [each.base_from_camera for each in heard if isinstance(each, Sight)][1]
+    assert found is not None
+    leaned = Pose3.from_roll_pitch_yaw(0.06, 0.0, 0.0).compose(camera.base_from_camera)
+    np.testing.assert_allclose(found.rotation, leaned.rotation, atol=1e-6)
+
+
 def test_a_mirror_is_no_camera_that_ros_knows() -> None:
     assert ros_camera(open_source(EXAMPLE)) is None
 

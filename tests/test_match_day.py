@@ -88,8 +88,11 @@ def test_broadcasts_are_heard_and_not_answered() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as referee:
         referee.bind(("127.0.0.1", 0))
         referee.setblocking(False)
+        assert link.hear(0.0) == []
+        assert list(link.refused) == [f"no packet of the GameController on UDP port {link.address[1]}"]
         referee.sendto(bytes.fromhex(PACKETS[20][0]), link.address)
         assert link.hear(0.0) == [GameState(0, "playing", "picked up", True)]
+        assert link.refused == {}
         with pytest.raises(BlockingIOError):
             referee.recv(10)
     link.close()

@@ -84,7 +84,7 @@ class WithGameController:
         """Raises InputError for an address that can't be listened at."""
         self._link, self._controller = link, controller
         self._in = bound(here, shared=True)
-        self._stamp_ns = 0
+        self._stamp_ns, self._silent = 0, True
 
     @property
     def address(self) -> tuple[str, int]:
@@ -96,7 +96,9 @@ class WithGameController:
         """What the link brings, and what the referee says."""
         found = self._link.hear(timeout_s)
         self._stamp_ns = max((self._stamp_ns, *(getattr(heard, "stamp_ns", 0) for heard in found)))
-        said = (self._controller.read(packet, self._stamp_ns) for packet in received(self._in, 0.0))
+        packets = list(received(self._in, 0.0))
+        self._silent = self._silent and not packets
+        said = (self._controller.read(packet, self._stamp_ns) for packet in packets)
         return [*found, *(state for state in said if state is not None)]
 
     def publish(self, published: Published) -> None:
@@ -105,8 +107,9 @@ class WithGameController:
 
     @property
     def refused(self) -> dict[str, int]:
-        """As the link has it, and packets that could not be used."""
-        return {**self._link.refused, **self._controller.refused}
+        """As the link has it, packets that could not be used, and that none came at all."""
+        silent = {f"no packet of the GameController on UDP port {self.address[1]}": 1} if self._silent else {}
+        return {**self._link.refused, **self._controller.refused, **silent}
 
     def around(self) -> str:
         """As the link says."""

@@ -210,7 +210,7 @@ class RosLink:
         return FIXED_TOPICS.get(name) or (FIXED_TOPICS.get(name.removeprefix(self._namespace)))
 
     def _order(self, name: str) -> int:
-        """In which messages that came together are read."""
+        """In which messages that came together are read: CameraInfo needs the transforms, an image needs both."""
         return 0 if self._fixed(name) else 1 if CAMERA_INFO in self._chosen[name] else 2
 
     def _choose(self) -> list[tuple[str, Topic]]:

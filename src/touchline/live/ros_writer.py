@@ -39,7 +39,7 @@ class RosWriter:
         self.results = results or ResultMessages(codec)
         self._make, self._codec = self.results.standard, codec
         self._inertial: dict[str, tuple[float, ...]] = {}
-        self._inertial_ns = 0
+        self._inertial_ns = self._leaned_ns = 0
         self._booster: str | None = None
 
     def as_booster(self, name: str) -> str:
@@ -85,7 +85,8 @@ class RosWriter:
         """What was gathered of an IMU, at the end."""
         if self._camera is not None and self._camera.use_attitude and "attitude" in self._inertial:
             lean = Pose3.from_roll_pitch_yaw(*self._inertial["attitude"])
-            yield self._placed(self._make.transform(max(self._inertial_ns, 0), BASE, BODY, lean))
+            self._leaned_ns = max(self._inertial_ns, 0)
+            yield self._placed(self._make.transform(self._leaned_ns, BASE, BODY, lean))
         if self._inertial:
             yield self._imu()
 
@@ -94,8 +95,10 @@ class RosWriter:
         if base_from_camera is not None:
             yield self._placed(self._make.camera_at(stamp_ns, base_from_camera))
         elif self._camera is not None:
-            body = BODY if self._camera.use_attitude else BASE
-            yield self._placed(self._make.camera_at(stamp_ns, self._camera.base_from_camera, body))
+            # stamped as the newest lean: who receives it takes it for one of that lean, and an image may come late
+            leans = self._camera.use_attitude
+            placed_ns, body = (self._leaned_ns, BODY) if leans else (stamp_ns, BASE)
+            yield self._placed(self._make.camera_at(placed_ns, self._camera.base_from_camera, body))
         if self._camera is not None:
             yield Outgoing(INFO_TOPIC, PLAYED[INFO_TOPIC], self._make.camera_info(stamp_ns, self._camera))
 

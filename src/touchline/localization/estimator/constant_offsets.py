@@ -264,7 +264,7 @@ class ConstantOffsets:
         position_m = exceeded_by(self._displaced, PossibleError(share, speed * late_s, speed * spread_s))
         heading_rad = exceeded_by(turns, PossibleError(share, rate * late_s, rate * spread_s))
         position_m, heading_rad = max(position_m, self._lag_s * speed), max(heading_rad, self._lag_s * rate)
-        changed = 0.5 * max(self._lag_s, self._ahead_s, self._clock_s) ** 2  # since the newest odometry, or the image
+        changed = 0.5 * max(self._lag_s, self._ahead_s, self._clock_s) ** 2  # way by an acceleration of 1
         position_m, heading_rad = (
             size + changed * more for size, more in zip((position_m, heading_rad), ACCELERATION, strict=True)
         )

@@ -43,9 +43,8 @@ GOOD_IMAGES = (
     2  # in a row, in which a pose found in the own half is as good as the right one is (`GOOD`), until it counts
 )
 JUMP_M = 0.25  # of the pose, after which that holds for some images
-# time for which images were of another field, or of clutter, after which a pose has to be a good one for a while; by
-# how much of it is forgotten in a second; what a good image explains
-FOREIGN_S, FORGOTTEN_PER_S, PROBATION_S, GOOD_SHARE = 1.0, 0.02, 3.0, 0.8
+FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
+PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much of each image
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
@@ -374,7 +373,9 @@ class Integrity:
         self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
 
     def _take_probation(self, stamp_ns: int, jump: Jump) -> None:
-        """A field that fits here and there is refuted again and again, and clutter ends: a good pose stays one."""
+        """Take whether an image lay on no line, and for how long the pose has been a good one: a field of another size
+        fits for moments only.
+        """
         seconds = min(1e-9 * (stamp_ns - self._before_ns), 1.0) if self._before_ns else 0.0
         self._before_ns = stamp_ns
         if not self.relation.all_round:

@@ -77,7 +77,7 @@ class StampDelay:
 class Arrivals:
     """Whether images are stamped as long after the odometry that comes with them as usual; if not, a clock was set, or
     runs otherwise. `off_s`: by how much the newest image is; `change_s`: with this image, what has lasted and is usual
-    from now on; `ahead_s`: by which its stamp is beyond the newest odometry.
+    from now on; `ahead_s`: by which its stamp is beyond the newest odometry that came with it.
     """
 
     def __init__(self) -> None:
