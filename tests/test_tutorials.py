@@ -30,7 +30,9 @@ def test_the_commands_lead_to_a_robot_that_knows_where_it_is(
     monkeypatch.chdir(tmp_path)
     lines = without_images(page)
     assert len(lines) >= 4
-    assert "position (cm)" in do(lines, tmp_path, capsys)
+    printed = do(lines, tmp_path, capsys)
+    assert "position (cm)" in printed
+    assert "the row is left out" not in printed  # of what the simulator wrote
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["errors"]["position_m"]["median"] < 0.1
     assert (tmp_path / "run" / "report.html").is_file()

@@ -130,6 +130,8 @@ class ObservedFeatures:
         chosen = np.flatnonzero(visible & (rng.random(len(marks)) < ratio * logistic((half - distances_m) / slope)))
         sizes = np.array([(noises[k].outwards_px, noises[k].across_px) for k in chosen]).reshape(-1, 2)
         seen = self._seen(pose, places[chosen], sizes, rng)
+        placed = np.isfinite(seen.positions_m).all(axis=1)  # the circle's centre may lie behind the camera
+        chosen, seen = chosen[placed], Seen(*(each[placed] for each in seen))
         shown = [marks[k] for k in chosen]
         pairs = [(k, [i for i, mark in enumerate(shown) if mark.goal == k]) for k in range(len(self.field.goals))]
         pairs = [(k, pair) for k, pair in pairs if len(pair) == len({*self.field.goals[k].y_posts})]
