@@ -126,7 +126,7 @@ def sent() -> Iterator[tuple[int, str, str, Any]]:
         at_ns = 10 * SECOND_NS + k * 20_000_000
         yield at_ns, "/tf", "tf2_msgs/msg/TFMessage", transforms(at_ns)
         if k == 0:
-            info = MAKE.camera_info(at_ns, pinhole_mapping(CAMERA))
+            info = MAKE.camera_info(at_ns, CAMERA)
             yield at_ns, "/camera/camera_info", "sensor_msgs/msg/CameraInfo", info
         if k % 5 == 4:
             image_ns = at_ns - 53_000_000
