@@ -91,7 +91,7 @@ class RosWriter:
             yield self._imu()
 
     def _described(self, stamp_ns: int, base_from_camera: Pose3 | None) -> Iterator[Outgoing]:
-        """Where the camera was when it took an image, and what it is, as far as ROS can be told."""
+        """Where the camera was when it took an image, and what it is, as far as ROS has messages for it."""
         if base_from_camera is not None:
             yield self._placed(self._make.camera_at(stamp_ns, base_from_camera))
         elif self._camera is not None:

@@ -1,4 +1,4 @@
-"""sensor_msgs/CameraInfo as a camera.yaml, and what ROS can be told of a recording's camera."""
+"""sensor_msgs/CameraInfo as a camera.yaml, and which of a recording's cameras ROS has messages for."""
 
 from typing import Any
 
