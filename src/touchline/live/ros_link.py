@@ -231,7 +231,7 @@ class RosLink:
 
 
 class RosRobot:
-    """The robot's side: publishes what a recording holds. camera: that took its images, where ROS has messages for it."""
+    """The robot's side: publishes what a recording holds. camera: of its images, where ROS has messages for it."""
 
     def __init__(self, transport: Transport, camera: PerspectiveCamera | None = None) -> None:
         """Announces everything and waits until those that listen have found it."""
