@@ -13,7 +13,6 @@ from touchline.localization.estimator.constant_offsets import (
     AT_FIRST,
     RISK,
     ConstantOffsets,
-    PossibleError,
     exceeded_by,
 )
 from touchline.localization.estimator.stamp_delay import Arrivals
@@ -71,11 +70,11 @@ def test_late_images_are_within_the_bound_unless_they_are_corrected() -> None:
 
 
 def test_errors_widen_the_bound_by_as_much_as_they_are_likely_to_be_there() -> None:
-    assert exceeded_by(PossibleError(RISK, 0.1, 0.2)) == 0.0
-    sure, likely = (exceeded_by(PossibleError(probability, 0.1, 0.2)) for probability in (1.0, 0.01))
+    assert exceeded_by(np.array([[RISK, 0.1, 0.2]])) == 0.0
+    sure, likely = (exceeded_by(np.array([[probability, 0.1, 0.2]])) for probability in (1.0, 0.01))
     assert sure == pytest.approx(0.1 + 3.29 * 0.2, rel=0.01)
     assert likely == pytest.approx(0.1 + 1.645 * 0.2, rel=0.01)
-    both = exceeded_by(PossibleError(0.01, 0.1, 0.2), PossibleError(0.01, 0.0, 0.3))
+    both = exceeded_by(np.array([[0.01, 0.1, 0.2], [0.01, 0.0, 0.3]]))
     assert likely < both < 1.3 * likely
 
 

@@ -9,7 +9,6 @@ Savage and Dickey 1971). Where images jump, they may all have changed.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -50,36 +49,43 @@ ACCELERATION = 3.0, 6.0  # of robots on wheels (m/s², rad/s²): a speed changes
 
 
 @njit(cache=True, error_model="numpy")
-def followed(state, joint, step, noise, drift2):  # type: ignore[no-untyped-def]
+def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def]
     """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it."""
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     x, y = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
     state[0] += x
     state[1] += y
     state[2] += step[2]
-    move = np.eye(7)
+    move, spread = np.eye(7), noise.copy()
     move[0, 2], move[1, 2] = -y, x
+    for k in range(3):
+        spread[k, k] += (SCALE * step[k]) ** 2
     moved = times(times(move, joint), move.T)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    add_to(moved, times(times(turn, noise), turn.T), 1.0)
+    add_to(moved, times(times(turn, spread), turn.T), 1.0)
     for a in range(7):
         for b in range(7):
             joint[a, b] = moved[a, b]
     for k in range(4):
-        joint[3 + k, 3 + k] += drift2[k]
+        joint[3 + k, 3 + k] += DRIFT[k] ** 2 * seconds
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, seen, covariance, since, velocity):  # type: ignore[no-untyped-def]
+def corrected(state, joint, prior, seen, covariance, since, bend, velocity):  # type: ignore[no-untyped-def]
     """Take (in place) a pose (3,) by an image and its covariance (3, 3); where the robot was when it was taken, by its
-    mean delay, (3,) and its velocity then (3,), robot frame at the stamp. (7,) by what the variances have grown before.
+    mean delay, (3,), by how much its way bends there (3,) and its velocity then (3,), robot frame at the stamp. prior
+    (4,): standard deviations, of those that have grown anew. By how much the variances of the heading and of the turn
+    have.
     """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     vx, vy = cosine * velocity[0] - sine * velocity[1], sine * velocity[0] + cosine * velocity[1]
     c, s = math.cos(state[2] + since[2]), math.sin(state[2] + since[2])
     dx, dy = c * state[4] - s * state[5], s * state[4] + c * state[5]
     dx, dy = dx + cosine * since[0] - sine * since[1], dy + sine * since[0] + cosine * since[1]
-    by, more = np.zeros((3, 7)), np.zeros(7)
+    by, more, spread = np.zeros((3, 7)), np.zeros(7), plus(covariance, VISION, 1.0)
+    for a in range(3):
+        for b in range(3):
+            spread[a, b] += (2.0 * bend[a]) * (2.0 * bend[b])
     by[0, 0] = by[1, 1] = by[2, 2] = by[2, 3] = 1.0
     by[0, 2], by[0, 4], by[0, 5], by[0, 6] = -dy, c, -s, -vx
     by[1, 2], by[1, 4], by[1, 5], by[1, 6] = dx, s, c, -vy
@@ -87,10 +93,10 @@ def corrected(state, joint, seen, covariance, since, velocity):  # type: ignore[
     off = np.array([seen[0] - state[0] - dx, seen[1] - state[1] - dy, seen[2] - state[2] - state[3] - since[2]])
     off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
     crossed = times(joint, by.T)
-    weight = inverse(plus(times(by, crossed), covariance, 1.0))
+    weight = inverse(plus(times(by, crossed), spread, 1.0))
     if dot(off, applied(weight, off)) > JUMP:
-        if covariance[0, 0] + covariance[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
-            return more
+        if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
+            return more[2:4]
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
@@ -101,28 +107,49 @@ def corrected(state, joint, seen, covariance, since, velocity):  # type: ignore[
         more[4], more[5], more[6] = CHANGED * aside2, CHANGED * aside2, CHANGED * late2
         for k in range(7):
             joint[k, k] += more[k]
+            if k >= 3 and more[k] > 0.0:
+                prior[k - 3] = math.sqrt(joint[k, k])
         crossed = times(joint, by.T)
-        weight = inverse(plus(times(by, crossed), covariance, 1.0))
+        weight = inverse(plus(times(by, crossed), spread, 1.0))
     gain = times(crossed, weight)
     step = applied(gain, off)
     for k in range(7):
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
-    return more
+    return more[2:4]
 
 
-class PossibleError(NamedTuple):
-    """An error that is there with a probability: the size of its mean, and its standard deviation."""
+@njit(cache=True, error_model="numpy")
+def exceeded_by(errors):  # type: ignore[no-untyped-def]
+    """What errors (E, 3) exceed with a probability of RISK, where one alone may be there; by bisection. Each: its
+    probability, the size of its mean, its standard deviation.
+    """
+    low = high = total = 0.0
+    for e in range(errors.shape[0]):
+        high, total = max(high, errors[e, 1] + 4.0 * errors[e, 2]), total + errors[e, 0]
+    if total <= RISK:
+        return 0.0
+    for _ in range(BISECTIONS):
+        middle, risk = 0.5 * (low + high), 0.0
+        for e in range(errors.shape[0]):
+            beyond = (middle - errors[e, 1]) / max(errors[e, 2], 1e-12)
+            risk += errors[e, 0] * min(math.erfc(beyond / math.sqrt(2.0)), 1.0)
+        if risk > RISK:
+            low = middle
+        else:
+            high = middle
+    return high
 
-    probability: float
-    size: float
-    deviation: float
 
-    def exceeding(self, size: float) -> float:
-        """Probability that it is there and larger."""
-        beyond = (size - self.size) / max(self.deviation, 1e-12)
-        return self.probability * min(math.erfc(beyond / math.sqrt(2.0)), 1.0)
+@njit(cache=True, error_model="numpy")
+def exceeded_moving(errors, speed, rate):  # type: ignore[no-untyped-def]
+    """Bounds (m, rad) of a turn, a displacement and a delay (3, 3), as of `exceeded_by`, at a speed and a rate."""
+    of_position, of_heading = errors[1:].copy(), errors[::2].copy()
+    for k in range(1, 3):
+        of_position[1, k] *= speed
+        of_heading[1, k] *= rate
+    return exceeded_by(of_position), exceeded_by(of_heading)
 
 
 class ConstantOffsets:
@@ -179,23 +206,17 @@ class ConstantOffsets:
         if seconds < MAX_GAP_S:
             assert before_ns is not None
             motion = history.between(before_ns, max(sighting.stamp_ns, before_ns))
-            step = motion.pose.as_array()
-            noise = steps.of(motion) + np.diag(np.square(SCALE * step))
-            followed(self._state, self._joint, step, noise, DRIFT**2 * seconds)
+            followed(self._state, self._joint, motion.pose.as_array(), steps.of(motion), seconds)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
         self._given = False
         since, bend = self._taken(sighting.stamp_ns, history.odometry)
-        covariance, before2 = (
-            sighting.covariance + VISION + np.outer(2.0 * bend, 2.0 * bend),
-            np.diag(self._joint)[3:].copy(),
+        more2 = corrected(
+            self._state, self._joint, self._prior, sighting.pose, sighting.covariance, since, bend, self._velocity
         )
-        more2 = corrected(self._state, self._joint, sighting.pose, covariance, since, self._velocity)
-        self._camera_moved |= bool(more2[2] > 0.0 and more2[3] == more2[2])
-        more2 = more2[3:]
-        self._prior[more2 > 0.0] = np.sqrt(before2 + more2)[more2 > 0.0]
+        self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
         self._weigh()
 
     def _taken(self, stamp_ns: int, odometry: Odometry) -> tuple[FloatArray, FloatArray]:
@@ -245,7 +266,7 @@ class ConstantOffsets:
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
-        turn, late_s = exceeded_by(self._turned), max(exceeded_by(self._late), self._lag_s) + self._clock_s
+        turn, late_s = exceeded_by(self._errors[:1]), max(exceeded_by(self._errors[2:]), self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
         if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
@@ -260,9 +281,8 @@ class ConstantOffsets:
     def bound(self) -> tuple[float, float]:
         """By how much position (m) and heading (rad) may be off by one of them."""
         rate = max(abs(float(self._velocity[2])), abs(float(self._newest[2])))
-        (share, late_s, spread_s), speed, turns = self._late, self._speed, self._turned
-        position_m = exceeded_by(self._displaced, PossibleError(share, speed * late_s, speed * spread_s))
-        heading_rad = exceeded_by(turns, PossibleError(share, rate * late_s, rate * spread_s))
+        speed = self._speed
+        position_m, heading_rad = exceeded_moving(self._errors, speed, rate)
         position_m, heading_rad = max(position_m, self._lag_s * speed), max(heading_rad, self._lag_s * rate)
         changed = 0.5 * max(self._lag_s, self._ahead_s, self._clock_s) ** 2  # way by an acceleration of 1
         position_m, heading_rad = (
@@ -275,45 +295,31 @@ class ConstantOffsets:
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
         turned = CAMERA_MOVED if self._camera_moved else TURNED_ROBOTS
         shares = turned, DISPLACED_ROBOTS, CLOCK_SET if self._clock_set else LATE_ROBOTS
-        found = single_errors(self._state[3:], self._joint[3:, 3:], self._prior).tolist()
-        odds = [share * math.exp(min(each[2], 30.0)) for each, share in zip(found, shares, strict=True)]
-        total = max(1.0 - sum(shares), 0.0) + sum(odds)
-        self._turned, self._displaced, self._late = (
-            PossibleError(each / total, mean, deviation) for (mean, deviation, _), each in zip(found, odds, strict=True)
-        )
+        self._errors = single_errors(self._state[3:], self._joint[3:, 3:], self._prior, shares)
 
 
 @njit(cache=True, error_model="numpy")
-def single_errors(offsets, spread, prior):  # type: ignore[no-untyped-def]
-    """(3, 3) of a turn, a displacement and a delay, as if there were none of the others: the size of its mean, its
-    largest standard deviation, and by how much (logarithm of a ratio) what was seen speaks for it. offsets (4,) and
-    their covariance (4, 4); prior (4,): standard deviations before.
+def single_errors(offsets, spread, prior, shares):  # type: ignore[no-untyped-def]
+    """(3, 3) of a turn, a displacement and a delay, as if there were none of the others: its probability, the size of
+    its mean, its largest standard deviation. offsets (4,) and their covariance (4, 4); prior (4,): standard deviations
+    before; shares (3,): of the robots that have each.
     """
     information = inverse(spread)
-    shown, found = applied(information, offsets), np.empty((3, 3))
+    shown, found, rest = applied(information, offsets), np.empty((3, 3)), 0.0
     for k in range(3):
         a, b = ((0, 0), (1, 2), (3, 3))[k]
         xx, yy, xy = information[a, a], information[b, b], information[a, b] if a != b else 0.0
         x, y, prior2 = (yy * shown[a] - xy * shown[b]), (xx * shown[b] - xy * shown[a]), prior[a] * prior[b]
         det = xx * yy - xy * xy
         least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-        found[k, 0], found[k, 1] = math.hypot(x, y) / det, 1.0 / math.sqrt(least)
-        found[k, 2] = 0.5 * (x * shown[a] + y * shown[b]) / det - 0.5 * math.log(det) - math.log(prior2)
+        found[k, 1], found[k, 2] = math.hypot(x, y) / det, 1.0 / math.sqrt(least)
+        speaks = 0.5 * (x * shown[a] + y * shown[b]) / det - 0.5 * math.log(det) - math.log(prior2)
         if a == b:  # counted twice
-            found[k, 0] = abs(x) / det
-            found[k, 2] *= 0.5
+            found[k, 1] = abs(x) / det
+            speaks *= 0.5
+        found[k, 0] = shares[k] * math.exp(min(speaks, 30.0))  # what was seen may speak for it, by a ratio of densities
+        rest += shares[k]
+    total = max(1.0 - rest, 0.0) + (found[0, 0] + found[1, 0] + found[2, 0])
+    for k in range(3):
+        found[k, 0] /= total
     return found
-
-
-def exceeded_by(*errors: PossibleError) -> float:
-    """What they exceed with a probability of RISK, where one alone may be there; by bisection."""
-    low, high = 0.0, max(error.size + 4.0 * error.deviation for error in errors)
-    if sum(error.probability for error in errors) <= RISK:
-        return 0.0
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        if sum(error.exceeding(middle) for error in errors) > RISK:
-            low = middle
-        else:
-            high = middle
-    return high
