@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import MotionHistory, OdometrySettings
-from touchline.motion import odometry as odometry_module
+from touchline.motion.odometry import DRIFT_M, DRIFT_RAD, TRAVEL_NOISE_M, TRAVEL_NOISE_RAD, TURN_NOISE_RAD
 from touchline.types import Frame, Samples
 
 MS = 1_000_000
@@ -94,19 +94,18 @@ def test_counters_that_went_on_during_a_gap_bridge_it() -> None:
     assert motion.pose.heading == pytest.approx(0.25, abs=1e-6)
 
 
-def test_noise_grows_with_the_way_each_axis_with_its_own_scale_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("TRAVEL_NOISE_M", "TRAVEL_NOISE_RAD", "TURN_NOISE_RAD", "DRIFT_M", "DRIFT_RAD"):
-        monkeypatch.setattr(odometry_module, name, 0.0)
-    only_scale = OdometrySettings(forward_scale=0.03, sideways_scale=0.05, turn_scale=0.02)
-    stamps = np.array([0, 1000 * MS])
-    motion = track(Samples(stamps, np.array([[0, 0, 0], [2.0, 1.0, 0.5]])), settings=only_scale).between(0, 1000 * MS)
-    np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)), [0.06, 0.05, 0.01])
-    monkeypatch.setattr(odometry_module, "TRAVEL_NOISE_M", 0.01)
-    monkeypatch.setattr(odometry_module, "TURN_NOISE_RAD", 0.02)
-    only_root = OdometrySettings(forward_scale=0, sideways_scale=0, turn_scale=0)
+def test_noise_grows_with_the_way_each_axis_with_its_own_scale_error() -> None:
+    scaled = OdometrySettings(forward_scale=0.03, sideways_scale=0.05, turn_scale=0.02)
+    unscaled = OdometrySettings(forward_scale=0, sideways_scale=0, turn_scale=0)
+    ahead = Samples(np.array([0, 1000 * MS]), np.array([[0, 0, 0], [2.0, 1.0, 0.5]]))
+    more, less = (track(ahead, settings=each).between(0, 1000 * MS).covariance for each in (scaled, unscaled))
+    np.testing.assert_allclose(np.sqrt(np.diag(more - less)), [0.06, 0.05, 0.01])
     there_and_back = Samples(np.array([0, 500 * MS, 1000 * MS]), np.array([[0, 0, 0], [2.0, 0, 0.5], [0, 0, 0]]))
-    motion = track(there_and_back, settings=only_root).between(0, 1000 * MS)
-    np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)), [0.02, 0.02, 0.02])
+    way_m, turns_rad, seconds = 4.0, 1.0, 1.0
+    variances = np.diag(track(there_and_back, settings=unscaled).between(0, 1000 * MS).covariance)
+    np.testing.assert_allclose(variances[:2], TRAVEL_NOISE_M**2 * way_m + DRIFT_M**2 * seconds)
+    turned = TRAVEL_NOISE_RAD**2 * way_m + TURN_NOISE_RAD**2 * turns_rad
+    np.testing.assert_allclose(variances[2], turned + DRIFT_RAD**2 * seconds)
 
 
 def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:

@@ -4,8 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose
 from touchline.motion.history import MotionHistory
 from touchline.motion.odometry import (
     DRIFT_M,
@@ -16,16 +17,15 @@ from touchline.motion.odometry import (
     UNKNOWN_SPEED_M_S,
     UNKNOWN_TURN_RAD_S,
     Motion,
+    wrapped,
 )
-from touchline.motion.samples import NANOSECONDS
+from touchline.motion.samples import NANOSECONDS, interpolate, row_after
 
 _MEAN_S = 0.2  # over which a speed is a mean: shorter, and odometry's noise is what changes it
 _MEAN_NS = int(_MEAN_S * NANOSECONDS)
 _MAX_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
 CHANGE_RATIO = 0.3  # of a velocity that only images tell, from one image to the next
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
-
-Vector = tuple[float, float, float]  # ahead, left, turning; plain floats: NumPy takes longer for three
 
 
 class Delayed(NamedTuple):
@@ -46,30 +46,36 @@ def delayed(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -
     """The motion from one image to the next, both stamped late_s after they were taken."""
     late_ns = round(late_s * NANOSECONDS)
     motion = history.between(start_ns - late_ns, end_ns - late_ns)
-    ahead_ns = _ahead_ns(history, end_ns - late_ns)
-    before, after = (_velocity(history, stamp_ns - late_ns + ahead_ns) for stamp_ns in (start_ns, end_ns))
-    x = y = turn = 0.0
-    pause_ns = history.odometry.samples.longest_pause_ns(start_ns - late_ns - _MEAN_NS, end_ns - late_ns)
-    if motion.missing_s == 0.0 and pause_ns <= _MAX_PAUSE_NS:
-        cosine, sine = math.cos(motion.pose.heading), math.sin(motion.pose.heading)
-        x, y, turn = by_begin(motion.pose, before)
-        x -= cosine * after[0] - sine * after[1]
-        y -= sine * after[0] + cosine * after[1]
-        turn -= after[2]
-        position2, turn2 = _noise2(after, (end_ns - start_ns) / NANOSECONDS)
-        if x**2 + y**2 < _CLEARLY**2 * position2:
-            x = y = 0.0
-        if turn**2 < _CLEARLY**2 * turn2:
-            turn = 0.0
-    return Delayed(motion, late_s, np.array([x, y, turn]), np.array(after))
+    span_ns = start_ns - late_ns, end_ns - late_ns
+    by_delay, after = _by_delay(*history.odometry.samples.arrays, span_ns, motion.pose, motion.missing_s == 0.0)
+    return Delayed(motion, late_s, by_delay, after)
 
 
-def _noise2(velocity: Vector, seconds: float) -> tuple[float, float]:
-    """Variances of the difference of two velocities so many seconds apart, of position's each and of turning's."""
-    x, y, turning = velocity
-    speed, apart = math.hypot(x, y), 2.0 * min(seconds, _MEAN_S) / _MEAN_S**2
-    position2 = TRAVEL_NOISE_M**2 * speed + DRIFT_M**2
-    return apart * position2, apart * (TRAVEL_NOISE_RAD**2 * speed + TURN_NOISE_RAD**2 * abs(turning) + DRIFT_RAD**2)
+@njit(cache=True, error_model="numpy")
+def _by_delay(times, table, span_ns, step, known):  # type: ignore[no-untyped-def]
+    """`by_delay` and `after` of a `Delayed` from one stamp to another, by the arrays of the odometry's samples.
+
+    step: the motion; known: whether the odometry covers all of it.
+    """
+    (start_ns, end_ns), off = span_ns, np.zeros(3)
+    ahead_ns = _ahead_ns(times, end_ns)
+    before, after = _velocity(times, table, start_ns + ahead_ns), _velocity(times, table, end_ns + ahead_ns)
+    if not known or _longest_pause_ns(times, start_ns - _MEAN_NS, end_ns) > _MAX_PAUSE_NS:
+        return off, after
+    cosine, sine, off = math.cos(step[2]), math.sin(step[2]), _by_begin(step, before)
+    off[0] -= cosine * after[0] - sine * after[1]
+    off[1] -= sine * after[0] + cosine * after[1]
+    off[2] -= after[2]
+    # variances of the difference of the two velocities
+    speed, seconds = math.hypot(after[0], after[1]), float(end_ns - start_ns) / NANOSECONDS
+    apart = 2.0 * min(seconds, _MEAN_S) / _MEAN_S**2
+    position2 = apart * (TRAVEL_NOISE_M**2 * speed + DRIFT_M**2)
+    turn2 = apart * (TRAVEL_NOISE_RAD**2 * speed + TURN_NOISE_RAD**2 * abs(after[2]) + DRIFT_RAD**2)
+    if off[0] ** 2 + off[1] ** 2 < _CLEARLY**2 * position2:
+        off[0] = off[1] = 0.0
+    if off[2] ** 2 < _CLEARLY**2 * turn2:
+        off[2] = 0.0
+    return off, after
 
 
 def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
@@ -88,31 +94,53 @@ def until_stamp(history: MotionHistory, stamp_ns: int, late_s: float) -> Delayed
     motion = history.between(min(taken_ns, stamp_ns), max(taken_ns, stamp_ns))
     if late_s < 0.0:
         motion = motion._replace(pose=motion.pose.inverse())
-    before = _velocity(history, taken_ns + _ahead_ns(history, taken_ns))
-    return Delayed(motion, late_s, np.array(by_begin(motion.pose, before)), np.zeros(3))
+    by_begin = _by_begin_at(*history.odometry.samples.arrays, taken_ns, motion.pose)
+    return Delayed(motion, late_s, by_begin, np.zeros(3))
 
 
-def by_begin(moved: Pose, before: Vector) -> Vector:
-    """Derivative of a motion by how much earlier it begins, at a velocity there."""
-    x, y, turning = before
-    return x - turning * moved.y, y + turning * moved.x, turning
+@njit(cache=True, error_model="numpy")
+def _by_begin_at(times, table, stamp_ns, step):  # type: ignore[no-untyped-def]
+    return _by_begin(step, _velocity(times, table, stamp_ns + _ahead_ns(times, stamp_ns)))
 
 
-def _ahead_ns(history: MotionHistory, stamp_ns: int) -> int:
+@njit(cache=True, error_model="numpy")
+def _by_begin(step, before):  # type: ignore[no-untyped-def]
+    """Derivative (3,) of a motion by how much earlier it begins, at a velocity there (3,)."""
+    return np.array([before[0] - before[2] * step[1], before[1] + before[2] * step[0], before[2]])
+
+
+@njit(cache=True, error_model="numpy")
+def _ahead_ns(times, stamp_ns):  # type: ignore[no-untyped-def]
     """How long after a stamp the time may end over which a speed there is a mean: half of it, or what is known."""
-    samples = history.odometry.samples
-    return min(_MEAN_NS // 2, samples.last_ns - stamp_ns) if len(samples) else 0
+    return min(_MEAN_NS // 2, times[-1] - stamp_ns) if len(times) else 0
 
 
-def _velocity(history: MotionHistory, end_ns: int) -> Vector:
-    """Of the robot by its odometry: the mean until a stamp; zeros where none is known."""
-    samples = history.odometry.samples
-    if len(samples) < 2 or not samples.first_ns < end_ns <= samples.last_ns:
-        return 0.0, 0.0, 0.0
-    start_ns = max(end_ns - _MEAN_NS, samples.first_ns)
-    start, end = samples.at(start_ns), samples.at(end_ns)
-    seconds = (end_ns - start_ns) / NANOSECONDS
-    x, y, turn = (b - a for a, b in zip(start, end, strict=True))
+@njit(cache=True, error_model="numpy")
+def _longest_pause_ns(times, start_ns, end_ns):  # type: ignore[no-untyped-def]
+    """Longest time between neighbouring samples that are needed from one stamp to another (ns)."""
+    longest_ns = 0
+    for i in range(max(row_after(times, start_ns), 1), min(row_after(times, end_ns - 1) + 1, len(times))):
+        longest_ns = max(longest_ns, times[i] - times[i - 1])
+    return longest_ns
+
+
+@njit(cache=True, error_model="numpy")
+def _velocity(times, table, end_ns):  # type: ignore[no-untyped-def]
+    """(3,) of the robot by its odometry, robot frame: the mean until a stamp; zeros where none is known."""
+    velocity = np.zeros(3)
+    if len(times) < 2 or not times[0] < end_ns <= times[-1]:
+        return velocity
+    start_ns, start, end = max(end_ns - _MEAN_NS, times[0]), np.empty(3), np.empty(3)
+    interpolate(times, table, start_ns, start)
+    interpolate(times, table, end_ns, end)
+    seconds, x, y, turn = (
+        float(end_ns - start_ns) / NANOSECONDS,
+        end[0] - start[0],
+        end[1] - start[1],
+        end[2] - start[2],
+    )
     heading = start[2] + 0.5 * turn
     cosine, sine = math.cos(heading), math.sin(heading)
-    return (cosine * x + sine * y) / seconds, (cosine * y - sine * x) / seconds, wrap_angle(turn) / seconds
+    velocity[0], velocity[1] = (cosine * x + sine * y) / seconds, (cosine * y - sine * x) / seconds
+    velocity[2] = wrapped(turn) / seconds
+    return velocity

@@ -4,11 +4,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from pydantic import Field
 
 from touchline.config import Settings
-from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
+from touchline.geometry import FloatArray, Pose
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory, interpolate, row_after, slope_of
 
 TRAVEL_NOISE_M = 0.02  # random position error after one metre, growing with the root of the travel
 TRAVEL_NOISE_RAD = 0.01  # random heading error after one metre, growing with the root of the travel
@@ -16,6 +17,7 @@ TURN_NOISE_RAD = 0.01  # random heading error after one radian, growing with the
 DRIFT_M = 0.01  # random position error after one second even at rest (m, root of time): being nudged
 DRIFT_RAD = 0.01  # random heading error after one second even at rest
 UNKNOWN_SPEED_M_S = 1.0  # speed that may have been driven while the odometry was missing: a brisk robot
+_EXTRAPOLATION_NS = int(EXTRAPOLATION_S * NANOSECONDS)
 UNKNOWN_TURN_RAD_S = 1.5  # rate that may have been turned at while the odometry was missing
 
 
@@ -47,6 +49,64 @@ class Motion(NamedTuple):
     by_gyro: bool = False
 
 
+@njit(cache=True, error_model="numpy")
+def wrapped(angle):  # type: ignore[no-untyped-def]
+    """`geometry.wrap_angle` for compiled loops."""
+    rest = np.fmod(angle, 2.0 * math.pi)
+    if rest > math.pi:
+        return rest - 2.0 * math.pi
+    return rest + 2.0 * math.pi if rest <= -math.pi else rest
+
+
+@njit(cache=True, error_model="numpy")
+def odometry_pose(times, table, stamp_ns):  # type: ignore[no-untyped-def]
+    """`Odometry.pose_at` by the arrays of its samples: (3,)."""
+    pose, beyond_ns = np.empty(3), stamp_ns - times[-1]
+    interpolate(times, table, stamp_ns, pose)
+    if beyond_ns > 0:
+        slope = slope_of(times, table, times[-1] - _EXTRAPOLATION_NS)
+        for k in range(3):
+            pose[k] += slope[k] * min(float(beyond_ns) / NANOSECONDS, EXTRAPOLATION_S)
+    pose[2] = wrapped(pose[2])
+    return pose
+
+
+@njit(cache=True, error_model="numpy")
+def step_to(start, end):  # type: ignore[no-untyped-def]
+    """From one pose to another, both (3,): robot frame at the first."""
+    cosine, sine, step = math.cos(start[2]), math.sin(start[2]), np.empty(3)
+    x, y = -cosine * start[0] - sine * start[1], sine * start[0] - cosine * start[1]
+    step[0], step[1] = x + cosine * end[0] + sine * end[1], y - sine * end[0] + cosine * end[1]
+    step[2] = wrapped(end[2] - start[2])
+    return step
+
+
+@njit(cache=True, error_model="numpy")
+def moved(times, table, start_ns, end_ns, scales):  # type: ignore[no-untyped-def]
+    """`Odometry.between` by the arrays of its samples: the motion (3,), its covariance (3, 3), the time not covered.
+
+    scales (3,): relative errors of travel ahead, travel aside and turns.
+    """
+    duration_s, covariance = float(end_ns - start_ns) / NANOSECONDS, np.zeros((3, 3))
+    if len(times) == 0:
+        step, missing_s = np.zeros(3), duration_s
+    else:
+        step = step_to(odometry_pose(times, table, start_ns), odometry_pose(times, table, end_ns))
+        covered_ns = max(min(end_ns, times[-1] + _EXTRAPOLATION_NS) - max(start_ns, times[0]), 0)
+        missing_s = float(end_ns - start_ns - covered_ns) / NANOSECONDS
+    way_m = turns_rad = 0.0
+    for i in range(row_after(times, start_ns - 1) + 1, row_after(times, end_ns)):
+        way_m += math.hypot(table[i, 0] - table[i - 1, 0], table[i, 1] - table[i - 1, 1])
+        turns_rad += abs(table[i, 2] - table[i - 1, 2])
+    way_m, turns_rad = max(way_m, math.hypot(step[0], step[1])), max(turns_rad, abs(step[2]))  # at least the whole
+    position = TRAVEL_NOISE_M**2 * way_m + DRIFT_M**2 * duration_s + (UNKNOWN_SPEED_M_S * missing_s) ** 2
+    heading = TRAVEL_NOISE_RAD**2 * way_m + TURN_NOISE_RAD**2 * turns_rad + DRIFT_RAD**2 * duration_s
+    covariance[0, 0] = (scales[0] * step[0]) ** 2 + position
+    covariance[1, 1] = (scales[1] * step[1]) ** 2 + position
+    covariance[2, 2] = (scales[2] * turns_rad) ** 2 + heading + (UNKNOWN_TURN_RAD_S * missing_s) ** 2
+    return step, covariance, missing_s
+
+
 class Odometry:
     """The odometry of the last seconds: dead reckoning by the robot itself, from driven wheels or steps.
 
@@ -58,49 +118,13 @@ class Odometry:
         self.samples = SampleHistory(columns=3, angles=(2,))
 
     def between(self, start_ns: int, end_ns: int) -> Motion:
-        """The robot's motion from one stamp to a later one."""
-        duration_s = (end_ns - start_ns) / NANOSECONDS
-        if len(self.samples) == 0:
-            still = Pose(0.0, 0.0, 0.0)
-            return Motion(still, self._covariance(still, 0.0, 0.0, duration_s, duration_s), duration_s)
-        start, end = self.pose_at(start_ns), self.pose_at(end_ns)
-        pose = start.inverse().compose(end)
-        missing_s = self._missing_s(start_ns, end_ns)
-        travel_m, turn_rad = self._travel(start_ns, end_ns, pose)
-        return Motion(pose, self._covariance(pose, travel_m, turn_rad, duration_s, missing_s), missing_s)
+        """The robot's motion from one stamp to a later one.
+
+        Before the first sample and beyond the end of the extrapolation it stands still, for all that is known.
+        """
+        step, covariance, missing_s = moved(*self.samples.arrays, start_ns, end_ns, self.settings.scales)
+        return Motion(Pose(*step.tolist()), covariance, missing_s)
 
     def pose_at(self, stamp_ns: int) -> Pose:
         """Pose in the odometry frame, carried on a little beyond the newest sample."""
-        pose = Pose(*self.samples.at(stamp_ns))
-        beyond_s = (stamp_ns - self.samples.last_ns) / NANOSECONDS
-        if beyond_s <= 0.0:
-            return Pose(pose.x, pose.y, wrap_angle(pose.heading))
-        step = self.samples.slope(EXTRAPOLATION_S) * min(beyond_s, EXTRAPOLATION_S)
-        return Pose(pose.x + float(step[0]), pose.y + float(step[1]), wrap_angle(pose.heading + float(step[2])))
-
-    def _missing_s(self, start_ns: int, end_ns: int) -> float:
-        """Time between the stamps before the first sample and after the end of the extrapolation."""
-        first_ns = self.samples.first_ns
-        last_ns = self.samples.last_ns + int(EXTRAPOLATION_S * NANOSECONDS)
-        covered_ns = max(min(end_ns, last_ns) - max(start_ns, first_ns), 0)
-        return (end_ns - start_ns - covered_ns) / NANOSECONDS
-
-    def _travel(self, start_ns: int, end_ns: int, pose: Pose) -> tuple[float, float]:
-        """Length of the way (m) and sum of the turns (rad): at least those of the motion as a whole."""
-        seen = self.samples.between(start_ns, end_ns)
-        x, y, turns = (seen[1:] - seen[:-1]).T
-        way_m, turn_rad = float(np.add.reduce(np.hypot(x, y))), float(np.add.reduce(np.abs(turns)))
-        return max(way_m, math.hypot(pose.x, pose.y)), max(turn_rad, abs(pose.heading))
-
-    def _covariance(
-        self, pose: Pose, travel_m: float, turn_rad: float, duration_s: float, missing_s: float
-    ) -> FloatArray:
-        s = self.settings
-        position = TRAVEL_NOISE_M**2 * travel_m + DRIFT_M**2 * duration_s + (UNKNOWN_SPEED_M_S * missing_s) ** 2
-        heading = TRAVEL_NOISE_RAD**2 * travel_m + TURN_NOISE_RAD**2 * turn_rad + DRIFT_RAD**2 * duration_s
-        heading += (UNKNOWN_TURN_RAD_S * missing_s) ** 2
-        covariance = np.zeros((3, 3))
-        covariance[0, 0] = (s.forward_scale * pose.x) ** 2 + position
-        covariance[1, 1] = (s.sideways_scale * pose.y) ** 2 + position
-        covariance[2, 2] = (s.turn_scale * turn_rad) ** 2 + heading
-        return covariance
+        return Pose(*odometry_pose(*self.samples.arrays, stamp_ns).tolist())

@@ -17,9 +17,9 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting, difference
-from touchline.matrices import add_to, applied, dot, inverse, plus, symmetrise, times
+from touchline.matrices import add_to, applied, copy_row, dot, inverse, plus, symmetrise, times
 from touchline.motion import MotionHistory
-from touchline.motion.odometry import Odometry
+from touchline.motion.odometry import odometry_pose, step_to
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
@@ -121,6 +121,22 @@ def corrected(state, joint, prior, seen, covariance, since, bend, velocity):  # 
 
 
 @njit(cache=True, error_model="numpy")
+def taken(times, table, stamp_ns, late_s, late2):  # type: ignore[no-untyped-def]
+    """Where the robot was when an image was taken, by the mean delay, from where it was at the stamp (3,), and by how
+    much its way bends there (3,); its velocity (3,) is the mean over the times at which that may have been.
+
+    times, table: of the odometry's samples; late2: variance of the delay.
+    """
+    spread_s = min(max(math.sqrt(max(late2, 0.0)), MIN_SPREAD_S), MAX_SPREAD_S)
+    mean_s = min(max(late_s, -MAX_LATE_S), MAX_LATE_S)
+    here, at = odometry_pose(times, table, stamp_ns), np.empty((3, 3))
+    for k in range(3):
+        late_ns = np.int64(np.rint((mean_s + (1 - k) * spread_s) * NANOSECONDS))
+        copy_row(step_to(here, odometry_pose(times, table, stamp_ns - late_ns)), at[k])
+    return at[1].copy(), 0.5 * (at[0] + at[2]) - at[1], (at[2] - at[0]) / (2.0 * spread_s)
+
+
+@njit(cache=True, error_model="numpy")
 def exceeded_by(errors):  # type: ignore[no-untyped-def]
     """What errors (E, 3) exceed with a probability of RISK, where one alone may be there; by bisection. Each: its
     probability, the size of its mean, its standard deviation.
@@ -212,26 +228,13 @@ class ConstantOffsets:
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
         self._given = False
-        since, bend = self._taken(sighting.stamp_ns, history.odometry)
+        late_s, late2 = float(self._state[LATE]), float(self._joint[LATE, LATE])
+        since, bend, self._velocity = taken(*history.odometry.samples.arrays, sighting.stamp_ns, late_s, late2)
         more2 = corrected(
             self._state, self._joint, self._prior, sighting.pose, sighting.covariance, since, bend, self._velocity
         )
         self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
         self._weigh()
-
-    def _taken(self, stamp_ns: int, odometry: Odometry) -> tuple[FloatArray, FloatArray]:
-        """Where the robot was when an image was taken, by the mean delay, from where it was at the stamp (3,), and by
-        how much its way bends there (3,); its velocity is the mean over the times at which that may have been.
-        """
-        spread_s = min(max(math.sqrt(max(self._joint[LATE, LATE], 0.0)), MIN_SPREAD_S), MAX_SPREAD_S)
-        mean_s = min(max(float(self._state[LATE]), -MAX_LATE_S), MAX_LATE_S)
-        here = odometry.pose_at(stamp_ns).inverse()
-        before, since, after = (
-            here.compose(odometry.pose_at(stamp_ns - round(late_s * NANOSECONDS))).as_array()
-            for late_s in (mean_s + spread_s, mean_s, mean_s - spread_s)
-        )
-        self._velocity = (after - before) / (2.0 * spread_s)
-        return since, 0.5 * (before + after) - since
 
     def _found(self, pose: FloatArray, elsewhere: bool) -> None:
         """The robot was found. elsewhere: that may be by any of the errors, and what was in doubt still is."""

@@ -13,11 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
 from touchline.matrices import copy_row, inverse, times
 from touchline.motion import MotionHistory
+from touchline.motion.odometry import step_to
+from touchline.motion.samples import interpolate
 
 WINDOW = 32  # steps: three seconds
 STEP_S, MAX_STEP_S = 0.09, 0.5  # time between the images of a step
@@ -31,7 +33,7 @@ SUFFIXES = (6, 12, WINDOW)  # newest steps over which an explanation is tried: a
 _STILL = 0.002  # largest step (m + rad) of an odometry that stands still
 MAX_LEFT = 1.0  # mean cost that a named explanation leaves
 LAGS_S = np.arange(-0.6, 0.601, 0.05)
-_LAGS_NS = 1e9 * LAGS_S
+_LAGS_NS = np.rint(1e9 * LAGS_S).astype(np.int64)
 NAMED_GAIN = 8.0  # from which an explanation is named
 REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
@@ -249,38 +251,24 @@ def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def _interpolated(at, stamps, rows, out):  # type: ignore[no-untyped-def]
-    """Values of samples (N, 3) at a time within their stamps (N,), into out (3,)."""
-    low, high = 0, len(stamps) - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if stamps[middle] <= at:
-            low = middle
-        else:
-            high = middle
-    if stamps[high] <= at:
-        low = high
-    for k in range(3):
-        out[k] = rows[low, k]
-        if low < high:
-            slope = (rows[high, k] - rows[low, k]) / (float(stamps[high]) - float(stamps[low]))
-            out[k] = slope * (at - stamps[low]) + rows[low, k]
+def _driven(stamps, rows, begin_ns, end_ns):  # type: ignore[no-untyped-def]
+    """(3,) the step by samples of odometry, stamps (N,), rows (N, 3), robot frame before it; none beyond their ends."""
+    begin, end = np.empty(3), np.empty(3)
+    interpolate(stamps, rows, begin_ns, begin)
+    interpolate(stamps, rows, end_ns, end)
+    return step_to(begin, end)
 
 
 @njit(cache=True, error_model="numpy")
 def _fill_lags(steps, i, span_ns, lags_ns, stamps, rows):  # type: ignore[no-untyped-def]
     """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach."""
-    first, step, begin, end = steps.gains.shape[1] - len(lags_ns), np.empty(3), np.empty(3), np.empty(3)
+    first = steps.gains.shape[1] - len(lags_ns)
     steps.lags_known[i] = 1.0
     for k in range(len(lags_ns)):
         begin_ns, end_ns = span_ns[0] - lags_ns[k], span_ns[1] - lags_ns[k]
         if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
             continue
-        _interpolated(begin_ns, stamps, rows, begin)
-        _interpolated(end_ns, stamps, rows, end)
-        cosine, sine = math.cos(begin[2]), math.sin(begin[2])
-        x, y = end[0] - begin[0], end[1] - begin[1]
-        step[0], step[1], step[2] = cosine * x + sine * y, cosine * y - sine * x, end[2] - begin[2]
+        step = _driven(stamps, rows, begin_ns, end_ns)
         steps.gains[i, first + k] = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
 
 
@@ -379,9 +367,10 @@ class MotionRelation:
         self._pending = [each for each in self._pending if sighting.stamp_ns - each[1].stamp_ns < 1e9 * MAX_WAIT_S]
 
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
-        span_ns = (last.stamp_ns, sighting.stamp_ns)
-        driven, gyro = _driven(history, *span_ns, 0.0), _gyro_turn(history, *span_ns)
-        delayed = _driven(history, *span_ns, late_s) if late_s else driven
+        span_ns, odometry = (last.stamp_ns, sighting.stamp_ns), history.odometry.samples.arrays
+        late_ns = round(1e9 * late_s)
+        driven, gyro = _driven(*odometry, *span_ns), _gyro_turn(history, *span_ns)
+        delayed = _driven(*odometry, span_ns[0] - late_ns, span_ns[1] - late_ns) if late_s else driven
         covariance = sighting.covariance
         if steps.walks:
             turn = rotated(float(last.pose[2]))
@@ -411,7 +400,7 @@ class MotionRelation:
             if self._spans_ns[-1][1] - end_ns < 1e9 * LAGS_S[-1]:
                 break
             samples = self._history.odometry.samples.arrays
-            _fill_lags(self._every, first + i, (float(begin_ns), float(end_ns)), _LAGS_NS, *samples)
+            _fill_lags(self._every, first + i, (begin_ns, end_ns), _LAGS_NS, *samples)
 
     def _explain(self, history: MotionHistory) -> None:
         """Try every explanation, if there is anything to explain."""
@@ -571,16 +560,8 @@ def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool
         return True
     if not len(history.odometry.samples):
         return False
-    x, y, turn = _driven(history, last.stamp_ns, sighting.stamp_ns, 0.0).tolist()
+    x, y, turn = _driven(*history.odometry.samples.arrays, last.stamp_ns, sighting.stamp_ns).tolist()
     return math.hypot(x, y) >= STEP_M or abs(turn) >= STEP_RAD
-
-
-def _driven(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -> FloatArray:
-    """(3,) the odometry's step, robot frame before it."""
-    late_ns, samples = round(1e9 * late_s), history.odometry.samples
-    begin, end = Pose(*samples.at(start_ns - late_ns)), Pose(*samples.at(end_ns - late_ns))
-    step = begin.inverse().compose(end)
-    return np.array([step.x, step.y, wrap_angle(step.heading)])
 
 
 def _gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
