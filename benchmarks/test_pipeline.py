@@ -53,8 +53,8 @@ def test_sampling_the_scan_lines(benchmark: BenchmarkFixture, frames: list[Frame
     model, lines = detector.colours, detector.scan_lines
     assert model is not None
     out = no_samples(len(lines.samples))
-    signal, masked = model.signal.astype(np.float32), lines.at_samples(detector.body)
-    benchmark(sample_paths, frames[20].image, lines, masked, signal, model.table, out)
+    signal, own = model.signal.astype(np.float32), np.flatnonzero(lines.at_samples(detector.body))
+    benchmark(sample_paths, frames[20].image, lines, own, signal, model.table, out)
 
 
 def test_sampling_the_scan_lines_numpy_twin(benchmark: BenchmarkFixture, frames: list[Frame], warm: NubotMti) -> None:

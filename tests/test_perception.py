@@ -239,7 +239,7 @@ def test_sampling_is_bilinear() -> None:
     signal, table = rng.normal(size=3).astype(np.float32), rng.integers(0, 3, (64, 64, 64)).astype(np.uint8)
     body = rng.random((480, 480)) < 0.1
     samples = no_samples(n)
-    sample_paths(image, lines, lines.at_samples(body), signal, table, samples)
+    sample_paths(image, lines, np.flatnonzero(lines.at_samples(body)), signal, table, samples)
     colours, levels, classes = samples.values[:3].T, samples.values[3], samples.classes
     u, v = lines.samples.T
     j, i = u.astype(int), v.astype(int)

@@ -7,6 +7,7 @@ from touchline.camera import OmniCamera
 from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.colour import GREEN
 from touchline.perception.path_samples import BODY, PathSamples
+from touchline.perception.profiles import keep
 
 OVEREXPOSED = 250.0  # grey level from which on all channels tell nothing: what lies under direct sun may be carpet
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
@@ -72,3 +73,16 @@ def inside_green(crossings: FloatArray, u0: float, v0: float, ends: FloatArray, 
             end = max(end, ends[beside % rays])
         inside[i] = np.sqrt(du * du + dv * dv) <= end + margins_px[i]
     return inside
+
+
+@njit(cache=True)
+def keep_within_green(crossings, rays, gaps, circle, ends):  # type: ignore[no-untyped-def]
+    """Move the crossings (N, COLUMNS) that lie within the green to the front; returns how many there are.
+
+    rays: first samples of the scan lines, how many full rays there are, and the samples; circle: u, v of the image's
+    centre and the radius at which rays begin; gaps, ends: as of `green_ends`.
+    """
+    (starts, count, samples), (u0, v0, inner_px) = rays, circle
+    green_ends(starts, count, samples, gaps, inner_px, ends)
+    margins_px = 2.0 + 0.5 * crossings[:, 7]  # the middle of a line that the green ends at lies beyond
+    return keep(crossings, inside_green(crossings, u0, v0, ends, margins_px))

@@ -9,9 +9,11 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numba import njit
 from pydantic import Field
 
 from touchline.camera import Camera, require_omni
+from touchline.camera.omni import covariances_of_pixels
 from touchline.config import Settings, added
 from touchline.errors import TouchlineError
 from touchline.geometry import BoolArray, FloatArray
@@ -28,14 +30,13 @@ from touchline.perception.colour import (
     smoothing_for,
 )
 from touchline.perception.detector import check_size
-from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
+from touchline.perception.field_boundary import gap_lengths, keep_within_green
 from touchline.perception.path_samples import no_samples, sample_paths
 from touchline.perception.profiles import (
     COLUMNS,
     ProfileLimits,
     dim_carpet,
     find_line_profiles,
-    on_one_line,
 )
 from touchline.perception.scan_lines import FILL_FROM, ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import (
@@ -62,7 +63,6 @@ MIN_WHITENESS = 0.8
 MAX_RUN_PX = 60  # longest way from green through white to green: twice what a line at the robot's foot takes
 # longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter
 STEEPEST_CROSSING = 2.2
-ROW_M, ROW_ASIDE_M, ROW_POINTS = 1.5, 0.05, 4  # points beside a floor count where so many more lie on a line with them
 BLUR_PX = 3.5  # how much wider blur may make a line: lens, motion and demosaicing together
 # nothing is looked for where a pixel is longer than this on the ground: a point there would be good to 8 cm at best
 COARSEST_PX_M = 0.25
@@ -147,6 +147,7 @@ class LinePointDetector:
         self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, FIELD_GAP_M)
         self._smoothing_px = 0.0
         self._noise = 0.0
+        self._greens = 0  # of the samples
         self._samples = no_samples(len(self.scan_lines.samples))
         self._found = np.empty((2048, COLUMNS))
 
@@ -199,9 +200,8 @@ class LinePointDetector:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
         check_size(image, self.camera)
         found = self._crossings(smoothed(image, self._smoothing_px), self.settings.paper.detector == "transitions")
-        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, NOISE_M)
-        confidences = np.clip(found[:, 4], 0.0, 1.0)
-        return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
+        camera, noise = self.camera, (self.settings.noise_px**2, NOISE_M**2)
+        return LinePoints(*_points_of(found, noise, camera.lookup_constants, camera.bearings_rad, camera.lookup_table))
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step of `detect` on an image."""
@@ -238,29 +238,24 @@ class LinePointDetector:
     @property
     def green_share(self) -> float:
         """Share of the last image's samples that were green."""
-        return np.count_nonzero(self._samples.classes == GREEN) / len(self._samples.classes)
+        return self._greens / len(self._samples.classes)
 
     def _crossings(self, image: ImageArray, transitions: bool = False) -> FloatArray:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
         if model is None:
             raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
-        sample_paths(image, lines, self._masked, model.signal.astype(np.float32), model.table, self._samples)
+        self._greens = sample_paths(
+            image, lines, self._own, model.signal.astype(np.float32), model.table, self._samples
+        )  # fmt: skip
         if transitions:
             found = find_transitions(lines, self._samples.classes, camera, MAX_RUN_PX)
         else:
             found = self._profiles(model)
         if not s.paper.within_green:
             return found
-        green_ends(
-            lines.starts,
-            s.radial_scan_lines,
-            self._samples,
-            self._gaps,
-            camera.inner_radius_px,
-            self.green_ends_px,
-        )
-        margins_px = 2.0 + 0.5 * found[:, 7]  # the middle of a line that the green ends at lies beyond
-        return found[inside_green(found, *camera.center, self.green_ends_px, margins_px)]
+        circle = (*camera.center, camera.inner_radius_px)
+        rays = lines.starts, s.radial_scan_lines, self._samples
+        return found[: keep_within_green(found, rays, self._gaps, circle, self.green_ends_px)]
 
     def _profiles(self, model: ColourModel) -> FloatArray:
         lines, s, camera = self.scan_lines, self.settings, self.camera
@@ -278,11 +273,10 @@ class LinePointDetector:
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
             (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
         )  # fmt: skip
-        found = self._found[:count]
-        return found[on_one_line(found, ROW_M, ROW_ASIDE_M, ROW_POINTS)] if s.paper.dark_floor else found
+        return self._found[:count]
 
     def _see_body(self, body: BoolArray) -> None:
-        self.body, self._masked = body, self.scan_lines.at_samples(body)
+        self.body, self._own = body, np.flatnonzero(self.scan_lines.at_samples(body))
 
     def _ring(self, inner_px: float, outer_px: float) -> BoolArray:
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
@@ -348,3 +342,14 @@ def _bands(mask: BoolArray, widest_px: float) -> BoolArray:
     long = stats[:, cv2.CC_STAT_AREA] >= BAND * width**2
     long[0] = False
     return long[labels]
+
+
+@njit(cache=True)
+def _points_of(crossings, noise, constants, bearings, table):  # type: ignore[no-untyped-def]
+    """Positions (N, 2), covariances (N, 2, 2), confidences (N,) and pixels (N, 2) of crossings (N, COLUMNS).
+
+    noise: variances of a pixel (px²) and of the ground (m²); the arrays are those of an OmniCamera.
+    """
+    positions, pixels = crossings[:, :2].copy(), crossings[:, 2:4].copy()
+    confidences = np.minimum(np.maximum(crossings[:, 4], 0.0), 1.0)
+    return positions, covariances_of_pixels(pixels, noise, constants, bearings, table), confidences, pixels

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import BoolArray, ByteArray, Float32Array
+from touchline.geometry import ByteArray, Float32Array, IndexArray
+from touchline.perception.colour import GREEN
 from touchline.perception.scan_lines import ScanLines
 from touchline.types import ImageArray
 
@@ -20,94 +21,101 @@ class PathSamples(NamedTuple):
     """What an image shows at the N samples of ScanLines.
 
     values: (4, N), B, G, R and the level: the colours' signal, higher by 1 on paint than on carpet. classes: (N,).
-    pixels: (4, CHUNK), what the kernels work with: the upper two and the lower two pixels about some of the samples,
-    four bytes of the image each.
+    pixels: (2, CHUNK), what the kernels work with: the upper two and the lower two pixels about some of the samples,
+    eight bytes of the image each.
     """
 
     values: Float32Array
     classes: ByteArray
-    pixels: npt.NDArray[np.uint32]
+    pixels: npt.NDArray[np.uint64]
 
 
 def no_samples(count: int) -> PathSamples:
     """Room for `count` samples."""
-    return PathSamples(np.zeros((4, count), np.float32), np.zeros(count, np.uint8), np.zeros((4, CHUNK), np.uint32))
+    return PathSamples(np.zeros((4, count), np.float32), np.zeros(count, np.uint8), np.zeros((2, CHUNK), np.uint64))
 
 
 def sample_paths(
     image: ImageArray,
     lines: ScanLines,
-    masked: BoolArray,
+    own: IndexArray,
     signal: Float32Array,
     table: ByteArray,
     samples: PathSamples,
-) -> None:
-    """Look up the N samples of scan lines in an image (H, W, 3), contiguous.
+) -> int:
+    """Look up the N samples of scan lines in an image (H, W, 3), contiguous; returns how many are green.
 
-    Fills `samples`: colours bilinear, levels by `signal` (3,), classes by the table (64, 64, 64), or BODY where masked
-    (N,) says that it is the robot itself.
+    Fills `samples`: colours bilinear, levels by `signal` (3,), classes by the table (64, 64, 64), or BODY in the rows
+    `own` (M,), which are the robot itself.
     """
-    # from every byte on: a pixel and the blue of the next one
-    words = np.ndarray((image.size - 3,), np.uint32, image, 0, (1,))
-    _fill(words, 3 * image.shape[1], (lines.corners, lines.shares), masked, signal, table, samples)
+    # from every byte on: a pixel and the next one
+    words = np.ndarray((image.size - 7,), np.uint64, image, 0, (1,))
+    greens, _ = _fill(words, 3 * image.shape[1], (lines.corners, lines.shares), own, signal, table, samples)
+    return int(greens)
 
 
 @njit(cache=True)
-def _fill(words, width, places, masked, signal, table, samples):  # type: ignore[no-untyped-def]
+def _fill(words, width, places, own, signal, table, samples):  # type: ignore[no-untyped-def]
     """Fill the samples in loops that each do one simple thing, which the compiler makes SIMD instructions of."""
     values, classes, pixels = samples
     corners, shares = places
-    cells = table.reshape(-1)
-    beside, below = np.uint64(3), np.uint64(width)  # unsigned: none can count from the end
+    cells, below = table.reshape(-1), np.uint64(width)  # unsigned: none can count from the end
     fetched = _fetched(words)
     for first in range(0, len(corners), CHUNK):
         last = min(first + CHUNK, len(corners))
-        upper_left, upper_right = pixels[0, : last - first], pixels[1, : last - first]
-        lower_left, lower_right = pixels[2, : last - first], pixels[3, : last - first]
+        upper, lower = pixels[0, : last - first], pixels[1, : last - first]
         for k in range(last - first):
             here = np.uint64(corners[first + k])
-            upper_left[k], upper_right[k] = words[here], words[here + beside]
-            lower_left[k], lower_right[k] = words[here + below], words[here + below + beside]
-        about = (upper_left, upper_right, lower_left, lower_right)
-        for channel in range(3):
-            _blend(about, shares[0, first:last], shares[1, first:last], 8 * channel, values[channel, first:last])
+            upper[k], lower[k] = words[here], words[here + below]
         blue, green, red = values[0, first:last], values[1, first:last], values[2, first:last]
-        _weigh(blue, green, red, signal, values[LEVEL, first:last])
-        _cells(blue, green, red, upper_left)
+        colours = (blue, green, red, values[LEVEL, first:last])
+        _blend(upper, lower, (shares[0, first:last], shares[1, first:last]), signal, colours)
+        _cells(blue, green, red, upper)
         for k in range(last - first):
-            classes[first + k] = BODY if masked[first + k] else cells[np.uint64(upper_left[k])]
-    return fetched  # or the compiler would leave it out
+            classes[first + k] = cells[upper[k]]
+    for k in own:
+        classes[k] = BODY
+    greens = 0
+    for k in range(len(classes)):
+        greens += classes[k] == GREEN
+    return greens, fetched  # or the compiler would leave it out
 
 
 @njit(cache=True)
 def _fetched(words):  # type: ignore[no-untyped-def]
     """The sum of one byte of each line of the cache: read in order, an image comes from memory twice as fast."""
-    total = np.uint32(0)
+    total = np.uint64(0)
     for k in range(0, len(words), CACHE_LINE):
         total += words[k]
     return total
 
 
 @njit(cache=True)
-def _blend(about, right, down, shift, out):  # type: ignore[no-untyped-def]
-    """One channel, bilinear: the eight bits from `shift` on of the four pixels about each sample.
+def _blend(upper, lower, shares, signal, out):  # type: ignore[no-untyped-def]
+    """B, G, R, bilinear, and the level from the pixels about each sample; all (M,).
 
-    right, down: how far the sample is on its way to the next pixel.
+    shares: how far the sample is on its way to the next pixel, to the right and down.
     """
-    one, byte, bits = np.float32(1.0), np.uint32(255), np.uint32(shift)
-    p00, p01, p10, p11 = about
-    for k in range(len(out)):
+    one, (right, down), (blue, green, red, level) = np.float32(1.0), shares, out
+    by_blue, by_green, by_red = signal[0], signal[1], signal[2]
+    for k in range(len(level)):
         w11 = right[k] * down[k]
         w01, w10 = right[k] - w11, down[k] - w11
-        upper = (one - right[k] - w10) * np.float32(p00[k] >> bits & byte) + w01 * np.float32(p01[k] >> bits & byte)
-        out[k] = upper + w10 * np.float32(p10[k] >> bits & byte) + w11 * np.float32(p11[k] >> bits & byte)
+        weights = one - right[k] - w10, w01, w10, w11
+        b, g = _channel(upper[k], lower[k], 0, weights), _channel(upper[k], lower[k], 8, weights)
+        r = _channel(upper[k], lower[k], 16, weights)
+        blue[k], green[k], red[k] = b, g, r
+        level[k] = by_blue * b + by_green * g + by_red * r
 
 
-@njit(cache=True)
-def _weigh(blue, green, red, weights, out):  # type: ignore[no-untyped-def]
-    b, g, r = weights[0], weights[1], weights[2]
-    for k in range(len(out)):
-        out[k] = b * blue[k] + g * green[k] + r * red[k]
+@njit(cache=True, inline="always")
+def _channel(upper, lower, shift, weights):  # type: ignore[no-untyped-def]
+    """The weighted sum of the eight bits from `shift` on of four pixels of 24 bits each, two above two."""
+    here, beside, byte = np.uint64(shift), np.uint64(shift + 24), np.uint64(255)
+    w00, w01, w10, w11 = weights
+    above = w00 * np.float32(np.uint32(upper >> here & byte)) + w01 * np.float32(np.uint32(upper >> beside & byte))
+    under = above + w10 * np.float32(np.uint32(lower >> here & byte))
+    return under + w11 * np.float32(np.uint32(lower >> beside & byte))
 
 
 @njit(cache=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from touchline.camera.omni import ground_from_pixel
+from touchline.matrices import copy_row
 from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
 from touchline.perception.path_samples import BODY, LEVEL, PathSamples
 
@@ -21,6 +22,7 @@ BLOCK = (
     2**HALVINGS
 )  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
 COLUMNS = 8  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path, px beside floor
+ROW_M, ROW_ASIDE_M, ROW_POINTS = 1.5, 0.05, 4  # points beside a floor count where so many more lie on a line with them
 _PALEST = 0.7  # of the way from carpet to grey: so far may be what is green, and as far as carpet in its usual light is
 _DUSK = 1.6  # times the sum that counts as dark: below three quarters of the usual carpet's
 _DARK = 0.8  # of the carpet's brightness, at most, has a floor beside it that is no carpet
@@ -335,6 +337,17 @@ def on_one_line(crossings, reach_m, aside_m, others):  # type: ignore[no-untyped
     return kept
 
 
+@njit(cache=True)
+def keep(rows, kept):  # type: ignore[no-untyped-def]
+    """Move the rows (N, C) that are kept (N,) to the front; returns how many there are."""
+    count = 0
+    for i in range(len(kept)):
+        if kept[i]:
+            copy_row(rows[i], rows[count])
+            count += 1
+    return count
+
+
 @njit(cache=True, error_model="numpy")
 def _size2(colour):  # type: ignore[no-untyped-def]
     return colour[0] * colour[0] + colour[1] * colour[1] + colour[2] * colour[2]
@@ -397,4 +410,4 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
             out[found, 4], out[found, 5], out[found, 6] = height / brightness, chord, p
             out[found, 7] = edges[1] - edges[0] if floor else 0.0
             found += 1
-    return found
+    return keep(out, on_one_line(out[:found], ROW_M, ROW_ASIDE_M, ROW_POINTS)) if limits.dark_floor else found

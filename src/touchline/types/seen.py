@@ -134,8 +134,9 @@ def _all_measured(
     if not math.isfinite(total + np.add.reduce(confidences)):
         return False
     least_m2 = min(np.minimum.reduce(covariances_m2[:, 0, 0]), np.minimum.reduce(covariances_m2[:, 1, 1]))
-    far_m = max(np.maximum.reduce(positions_m, axis=None), -np.minimum.reduce(positions_m, axis=None))
-    return bool(min(least_m2, np.minimum.reduce(confidences)) >= 0.0 and 1.5 * far_m <= max_range_m)
+    if min(least_m2, np.minimum.reduce(confidences)) < 0.0:
+        return False
+    return max_range_m == math.inf or bool(1.5 * np.maximum.reduce(np.abs(positions_m), axis=None) <= max_range_m)
 
 
 def check_point_count(count: int) -> int:
