@@ -139,9 +139,9 @@ def _ray(plane: ImagePlane, u: float, v: float) -> tuple[float, float, float]:
     """A pixel's ray from the camera's foot: ahead and aside along the ground, and downwards, each by a scale."""
     x, y = plane_from_pixel(plane.lens, u, v)
     h, foot = plane.ground, plane.foot
-    w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
-    ahead = h[0, 0] * x + h[0, 1] * y + h[0, 2] - foot[0] * w
-    return ahead, h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w, w
+    w = h[6] * x + h[7] * y + h[8]
+    ahead = h[0] * x + h[1] * y + h[2] - foot[0] * w
+    return ahead, h[3] * x + h[4] * y + h[5] - foot[1] * w, w
 
 
 @njit(cache=True, error_model="numpy")
@@ -279,9 +279,7 @@ def _code(image: ImageArray, table: ByteArray, u: int, v: int) -> int:
 def _height(plane: ImagePlane, u: float, v: float, distance: float) -> float:
     """How high (m) above the ground a pixel shows what is so far (m) from the camera's foot."""
     ahead, aside, w = _ray(plane, u, v)
-    h, foot = plane.ground, plane.foot
-    above = math.sqrt(np.sum((h[0] - foot[0] * h[2]) ** 2))
-    return above * (1.0 - distance * w / max(math.hypot(ahead, aside), 1e-9))
+    return plane.height * (1.0 - distance * w / max(math.hypot(ahead, aside), 1e-9))
 
 
 @njit(cache=True)

@@ -37,6 +37,7 @@ from touchline.perception.line_graph.structure import Structure
 from touchline.types import Crossings, Lines, no_crossings
 
 _SAMPLES = 96
+_CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in (2.0 * math.pi * k / _SAMPLES for k in range(_SAMPLES))])
 _KINDS = {2: "L", 3: "T", 4: "X"}  # by the number of arms
 _MAX_CROSSINGS = 40
 _MAX_ARMS = 6
@@ -209,9 +210,11 @@ def read_arm(pixels: Pixels, plane: ImagePlane, x: float, y: float, angle: float
 def _both_circles(pixels, plane, x, y, radii, inner, outer):  # type: ignore[no-untyped-def]
     """Arms on both circles, those of the outer one in the order of the inner; how many, 0 where they don't agree."""
     count, wide = walk_round(pixels, plane, x, y, radii[0] * pixels.width_m, inner)
+    if count < 2:
+        return 0
     beyond, wider = walk_round(pixels, plane, x, y, radii[1] * pixels.width_m, outer)
     # what is no line may hide an arm: then only a T is certain, as there is hardly an X beside a post
-    if count < 2 or beyond != count or ((wide or wider) and count != 3):
+    if beyond != count or ((wide or wider) and count != 3):
         return 0
     for k in range(count):
         best, at = np.inf, k
@@ -238,13 +241,14 @@ def walk_round(
     """
     width, height = plane.size[0], plane.size[1]
     values, places = np.empty(_SAMPLES), np.empty((_SAMPLES, 2))
-    plain, carpet = 0, 0
     for k in range(_SAMPLES):
-        angle = 2.0 * math.pi * k / _SAMPLES
-        u, v = pixel_from_ground(plane, x + radius_m * math.cos(angle), y + radius_m * math.sin(angle))
+        u, v = pixel_from_ground(plane, x + radius_m * _CIRCLE[k, 0], y + radius_m * _CIRCLE[k, 1])
         if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
             return -1, False
         places[k, 0], places[k, 1] = u, v
+    plain, carpet = 0, 0
+    for k in range(_SAMPLES):
+        u, v = places[k, 0], places[k, 1]
         values[k] = signal_at(pixels, u, v)
         if values[k] < _GREEN:
             plain += 1

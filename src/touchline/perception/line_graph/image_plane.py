@@ -16,27 +16,31 @@ from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
 
 
+Numbers = tuple[float, ...]  # no arrays: their references would be counted with every call
+
+
 class Lens(NamedTuple):
     """pinhole: (4,) fx, fy, cx, cy. distortion: (5,) OpenCV's. table: (R, C, 2) plane coordinates of the pixels whose u
     and v are multiples of 8; NaN where the distortion is not trusted.
     """
 
-    pinhole: FloatArray
-    distortion: FloatArray
+    pinhole: Numbers
+    distortion: Numbers
     table: FloatArray
 
 
 class ImagePlane(NamedTuple):
-    """lens: of the camera. ground: (3, 3) ground from plane, homogeneous, the last row positive below the horizon.
-    plane: (3, 3) its inverse. size: (2,) width and height of the image (px).
-    foot: (2,) the ground point below the camera (m).
+    """lens: of the camera. ground: (9,) rows of ground from plane, homogeneous, the last one positive below the horizon.
+    plane: (9,) of its inverse. size: (2,) width and height of the image (px).
+    foot: (2,) the ground point below the camera (m). height: of the camera above it, in the scale of `ground`.
     """
 
     lens: Lens
-    ground: FloatArray
-    plane: FloatArray
-    size: FloatArray
-    foot: FloatArray
+    ground: Numbers
+    plane: Numbers
+    size: Numbers
+    foot: Numbers
+    height: float
 
 
 def make_lens(camera: PinholeCamera) -> Lens:
@@ -46,7 +50,11 @@ def make_lens(camera: PinholeCamera) -> Lens:
     plane = camera.undistorted(np.column_stack((u.ravel(), v.ravel())))
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     table = ((plane - pinhole[2:]) / pinhole[:2]).reshape(rows, columns, 2)
-    return Lens(pinhole, np.array(camera.distortion, dtype=np.float64), np.ascontiguousarray(table))
+    return Lens(_numbers(pinhole), _numbers(camera.distortion), np.ascontiguousarray(table))
+
+
+def _numbers(array: FloatArray) -> Numbers:
+    return tuple(np.ravel(array).astype(np.float64).tolist())
 
 
 def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
@@ -59,9 +67,9 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
     if view.correction is not None:
         pixels = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         ground = ground @ np.linalg.solve(pixels, view.correction.homography(view.roll_rad, view.pitch_rad) @ pixels)
-    size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
-    foot = np.ascontiguousarray(at[:2], dtype=np.float64)
-    return ImagePlane(lens, np.ascontiguousarray(ground), np.linalg.inv(ground), size, foot)
+    size, foot = (float(view.camera.width), float(view.camera.height)), _numbers(at[:2])
+    height = math.sqrt(((ground[0] - foot[0] * ground[2]) ** 2).sum())
+    return ImagePlane(lens, _numbers(ground), _numbers(np.linalg.inv(ground)), size, foot, height)
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,12 +101,12 @@ def pixel_from_plane(lens: Lens, x: float, y: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def transformed(h: FloatArray, x: float, y: float) -> tuple[float, float]:
-    """A homography of a point; NaN beyond the horizon."""
-    w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+def transformed(h: Numbers, x: float, y: float) -> tuple[float, float]:
+    """A homography (9,) of a point; NaN beyond the horizon."""
+    w = h[6] * x + h[7] * y + h[8]
     if w <= 1e-9:
         return np.nan, np.nan
-    return (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
+    return (h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w
 
 
 @njit(cache=True, error_model="numpy")

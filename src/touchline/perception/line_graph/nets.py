@@ -6,7 +6,6 @@ else lines meet, one of them ends. An addition of ours.
 
 import math
 
-import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
@@ -31,9 +30,9 @@ def is_thread(pixels: Pixels, plane: ImagePlane, line: FloatArray, contrast: flo
     dx, dy = line[2] - line[0], line[3] - line[1]
     length_px = focal * math.hypot(dx, dy)
     height, width = pixels.image.shape[0], pixels.image.shape[1]
-    counts, steps = np.zeros(2, dtype=np.int64), int(length_px)
+    steps = int(length_px)
     for side in range(2):
-        white = False
+        threads, white = 0, False
         for k in range(steps + 1):
             share = k / steps
             beside = (0.5 * ((1.0 - share) * first + share * last) + _BESIDE_PX) / length_px
@@ -44,8 +43,9 @@ def is_thread(pixels: Pixels, plane: ImagePlane, line: FloatArray, contrast: flo
             signal = signal_at(pixels, u, v)
             if not white and signal > _WHITE * contrast:
                 white = True
-                counts[side] += 1
+                threads += 1
             elif signal < _BARE * contrast:
                 white = False
-    fewer = min(counts[0], counts[1])
-    return bool(fewer >= _MIN_THREADS and fewer >= _PER_M * length_m)
+        if threads < max(_MIN_THREADS, _PER_M * length_m):
+            return False
+    return True

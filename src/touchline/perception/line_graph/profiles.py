@@ -11,7 +11,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
-from touchline.perception.line_graph.image_plane import ImagePlane, pixel_from_ground
+from touchline.perception.line_graph.image_plane import ImagePlane, Numbers, pixel_from_ground
 from touchline.types import ImageArray
 
 OUTSIDE, NO_LINE, LINE = 0, 1, 2
@@ -45,7 +45,7 @@ class Pixels(NamedTuple):
 
     image: ImageArray
     least_green: float
-    signal: FloatArray
+    signal: Numbers
     light: FloatArray
     width_m: float
     loosest: float
@@ -57,7 +57,7 @@ def signal_at(pixels: Pixels, u: float, v: float) -> float:
     """How white a place of the image is, 0 carpet to 1 paint in the light about it, bilinear; it must lie inside."""
     image, w = pixels.image, pixels.signal
     height, width = image.shape[0], image.shape[1]
-    column, row = min(max(int(u), 0), width - 2), min(max(int(v), 0), height - 2)
+    column, row = min(int(u), width - 2), min(int(v), height - 2)
     a, b = u - column, v - row
     total = 0.0
     for dv in range(2):
@@ -65,11 +65,11 @@ def signal_at(pixels: Pixels, u: float, v: float) -> float:
             share = (a if du else 1.0 - a) * (b if dv else 1.0 - b)
             value = w[3]
             for channel in range(3):
-                value += w[channel] * image[row + dv, column + du, channel]
+                value += w[channel] * image[np.uintp(row + dv), np.uintp(column + du), channel]
             total += share * value
     cell_row = min(int(v) // CELL_PX, pixels.light.shape[0] - 1)
     cell_column = min(int(u) // CELL_PX, pixels.light.shape[1] - 1)
-    return float(total / pixels.light[max(cell_row, 0), max(cell_column, 0)])
+    return float(total / pixels.light[np.uintp(cell_row), np.uintp(cell_column)])
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,11 +115,19 @@ def read_profile(
         return OUTSIDE
     height, width = pixels.image.shape[0], pixels.image.shape[1]
     steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MAX_SAMPLES - 2))
-    samples = np.full(2 * steps + 1, np.nan)  # NaN beyond the image's edge
-    for k in range(-steps, steps + 1):
-        u, v = cut.u + k * cut.du, cut.v + k * cut.dv
-        if 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1:
-            samples[k + steps] = signal_at(pixels, u, v)
+    near = min(_near(cut.width_px, reach_px), steps)
+    samples, top = np.full(2 * steps + 1, np.nan), -np.inf
+    for k in range(-near, near + 1):
+        samples[steps + k] = _sample(pixels, cut, k)
+        top = samples[steps + k] if samples[steps + k] > top else top
+    if not top > _FAINTEST:
+        return NO_LINE
+    for side in (-1, 1):
+        for k in range(near + 1, steps + 1):  # as far as there is paint, and its flank
+            last = k - _FLANK_PX
+            if last >= near and not samples[steps + side * last] >= 0.5 * min(top, 1.0):
+                break
+            samples[steps + side * k] = _sample(pixels, cut, side * k)
     shown, middle, paint, top = find_paint(samples, cut.width_px, reach_px)
     if shown != LINE:
         return shown
@@ -138,14 +146,28 @@ def read_profile(
     return LINE
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
+def _sample(pixels: Pixels, cut: Cut, k: int) -> float:
+    """How white it is k pixels along a cut; NaN beyond the image's edge."""
+    u, v = cut.u + k * cut.du, cut.v + k * cut.dv
+    inside = 0.0 <= u <= pixels.image.shape[1] - 1 and 0.0 <= v <= pixels.image.shape[0] - 1
+    return signal_at(pixels, u, v) if inside else np.nan
+
+
+@njit(cache=True)
+def _near(width_px: float, reach_px: float) -> int:
+    """Samples to each side of the middle among which the paint's brightest lies."""
+    return int(0.6 * width_px + reach_px)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def find_paint(samples: FloatArray, width_px: float, reach_px: float) -> tuple[int, float, float, float]:
     """The run of paint next to the middle of samples (N,), within reach_px and half a line; its edges at half height.
 
     Returns what is shown, and of a LINE its middle (samples from the first), its width and its contrast.
     """
     n, middle = len(samples), len(samples) // 2
-    near = int(0.6 * width_px + reach_px)
+    near = _near(width_px, reach_px)
     top, peak = -np.inf, middle
     for k in range(max(0, middle - near), min(n, middle + near + 1)):
         if samples[k] > top:

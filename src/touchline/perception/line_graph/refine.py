@@ -114,7 +114,7 @@ def _write(plane: ImagePlane, found: FloatArray, row: FloatArray) -> None:
     row[2], row[3], row[4], row[5] = found[0], found[1], found[4], found[2] / found[3]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _read_at(
     pixels: Pixels, plane: ImagePlane, line: FloatArray, share: float, reach_px: float, found: FloatArray
 ) -> int:

@@ -13,7 +13,7 @@ from numba import njit
 
 from touchline.field import Post
 from touchline.geometry import FloatArray
-from touchline.perception.line_graph.image_plane import ImagePlane, pixel_from_plane
+from touchline.perception.line_graph.image_plane import ImagePlane, Numbers, pixel_from_plane
 from touchline.perception.line_graph.profiles import Pixels, is_carpet, signal_at
 from touchline.types import Lines
 
@@ -76,28 +76,26 @@ def _peaks(places: FloatArray, rows: FloatArray) -> list[Ridge]:
 def _ridges(pixels: Pixels, plane: ImagePlane, places: FloatArray, diameter: float, height: float) -> FloatArray:
     """(N, 4) share of the visible samples above each place (N, 2) that are a ridge, their contrast, the foot's u, v."""
     rows = np.zeros((len(places), 4))
-    h, foot = plane.ground, plane.foot
-    above = np.sqrt(np.sum((h[0] - foot[0] * h[2]) ** 2))  # the camera's height, from the homography's scale
+    above, foot = plane.height, plane.foot
     for i in range(len(places)):
         u, v = _pixel_above(plane, above, places[i], 0.0)
-        tu, tv = _pixel_above(plane, above, places[i], height)
-        if math.isnan(u + v + tu + tv) or not (0.0 <= u < plane.size[0] and 0.0 <= v < plane.size[1]):
+        if not (0.0 <= u < plane.size[0] and 0.0 <= v < plane.size[1]):
             continue
         nu, nv = _pixel_above(plane, above, places[i], _GLANCE * height)
-        if not _whiteness(pixels, nu, nv) > _WHITE:
+        if not _whiteness(pixels, nu, nv) > _WHITE or math.isnan(_pixel_above(plane, above, places[i], height)[0]):
             continue
         distance = math.sqrt((places[i, 0] - foot[0]) ** 2 + (places[i, 1] - foot[1]) ** 2 + above**2)
         width = plane.lens.pinhole[0] * diameter / distance
         if width < _MIN_WIDTH_PX:
             continue
         rows[i, 2], rows[i, 3] = u, v
-        rows[i, 0], rows[i, 1] = _rising(pixels, plane, above, places[i], np.array([height, width]))
+        rows[i, 0], rows[i, 1] = _rising(pixels, plane, above, places[i], (height, width))
     return rows
 
 
 @njit(cache=True, error_model="numpy")
 def _rising(
-    pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, size: FloatArray
+    pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, size: tuple[float, float]
 ) -> tuple[float, float]:
     """Share of the visible samples above a place that are a ridge, and their contrast; size: height (m), width (px).
 
@@ -112,7 +110,7 @@ def _rising(
         if -_MIN_FREE < z < _FIRST or 1.0 <= z < 1.1:
             continue
         u, v = _pixel_above(plane, above, place, z * size[0])
-        rises, bare = _ridge(pixels, plane, above, place, np.array([z * size[0], size[1], u, v]))
+        rises, bare = _ridge(pixels, plane, above, place, (z * size[0], size[1], u, v))
         if math.isnan(rises):
             continue
         seen[part] += 1
@@ -134,7 +132,7 @@ def _rising(
 
 
 @njit(cache=True, error_model="numpy")
-def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, at: FloatArray) -> tuple[float, bool]:
+def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, at: Numbers) -> tuple[float, bool]:
     """How much whiter it is here than on both sides, and whether one of these is no carpet; at: z, width, u, v.
 
     0 where it is not white all across, NaN outside the image.
@@ -162,10 +160,10 @@ def _pixel_above(plane: ImagePlane, above: float, place: FloatArray, z: float) -
     h, foot = plane.plane, plane.foot
     w = above - z
     x, y = foot[0] * w + (place[0] - foot[0]) * above, foot[1] * w + (place[1] - foot[1]) * above
-    depth = h[2, 0] * x + h[2, 1] * y + h[2, 2] * w
+    depth = h[6] * x + h[7] * y + h[8] * w
     if depth <= 1e-9:
         return np.nan, np.nan
-    a, b = (h[0, 0] * x + h[0, 1] * y + h[0, 2] * w) / depth, (h[1, 0] * x + h[1, 1] * y + h[1, 2] * w) / depth
+    a, b = (h[0] * x + h[1] * y + h[2] * w) / depth, (h[3] * x + h[4] * y + h[5] * w) / depth
     return pixel_from_plane(plane.lens, a, b)
 
 
