@@ -162,7 +162,7 @@ class FieldModel:
         turned = -np.concatenate(self.polylines(0.1))
         return bool(np.all(self.line_distances(turned) < 1e-5))
 
-    @property
+    @cached_property
     def posts(self) -> tuple[Post, ...]:
         """Goal posts, then poles."""
         of_goals = [

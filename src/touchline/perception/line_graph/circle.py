@@ -35,12 +35,20 @@ class Circle(NamedTuple):
 
     def follows(self, ends_m: FloatArray) -> bool:
         """Whether a line's ends (2, 2) are those of an arc, though profiles may have drawn it out beyond the circle."""
-        points = np.linspace(ends_m[0], ends_m[1], _ARC_SAMPLES)
-        distance = np.hypot(points[:, 0] - self.x, points[:, 1] - self.y)
-        on = np.abs(distance - self.radius_m) < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * np.hypot(*points.T)
-        along, out = ends_m[1] - ends_m[0], points.mean(axis=0) - (self.x, self.y)
-        radial = abs(along @ out) / max(np.hypot(*along) * np.hypot(*out), 1e-9)
-        return bool(on.mean() >= _ARC_SHARE and radial < _ARC_COS)
+        return bool(_follows(self, ends_m))
+
+
+@njit(cache=True)
+def _follows(circle: Circle, ends_m: FloatArray) -> bool:
+    (x, y), dx, dy = ends_m[0], ends_m[1, 0] - ends_m[0, 0], ends_m[1, 1] - ends_m[0, 1]
+    on = 0
+    for k in range(_ARC_SAMPLES):
+        px, py = x + dx * k / (_ARC_SAMPLES - 1), y + dy * k / (_ARC_SAMPLES - 1)
+        off = abs(math.hypot(px - circle.x, py - circle.y) - circle.radius_m)
+        on += off < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * math.hypot(px, py)
+    out_x, out_y = x + 0.5 * dx - circle.x, y + 0.5 * dy - circle.y
+    radial = abs(dx * out_x + dy * out_y) / max(math.hypot(dx, dy) * math.hypot(out_x, out_y), 1e-9)
+    return on >= _ARC_SHARE * _ARC_SAMPLES and radial < _ARC_COS
 
 
 def circle_landmark(circle: Circle | None) -> Landmarks:

@@ -251,8 +251,8 @@ def count_classes(
                     code = table[np.uint64(entries[first + np.uint64(k)])]  # unsigned: none can count from the end
                     total += packed[np.uint64(code)] + (one if code >= least else nothing)
                 totals[column] = total
-        for column in range(columns):
-            for kind in range(CLASSES):
+        for kind in range(CLASSES):
+            for column in range(columns):
                 counts[kind, row, column] = (totals[column] >> np.uint64(8 * kind)) & np.uint64(255)
 
 
@@ -280,24 +280,22 @@ def carpet_light(
     rows, columns = light.shape
     # integral images, of brightness and number of green samples and of those of washed-out ones: what is summed over
     # any rectangle costs four look-ups
-    sums = np.zeros((4, rows + 1, columns + 1))
-    cell = np.empty(4)
+    sums = np.zeros((4, rows + 1, columns + 1), dtype=np.int64)
     for row in range(rows):
+        usual = number = washed_out = washed_number = 0  # along the row
         for column in range(columns):
-            cell[:] = 0.0
             for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
                 for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
                     b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
-                    entry = ((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)
-                    if tables[1, entry] == GREEN:
-                        first = 0 if tables[0, entry] == GREEN else 2
-                        cell[first] += b + g + r
-                        cell[first + 1] += 1.0
-            for k in range(4):
-                total = sums[k]
-                total[row + 1, column + 1] = (
-                    cell[k] + total[row, column + 1] + total[row + 1, column] - total[row, column]
-                )
+                    entry = np.uint64(((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3))
+                    if tables[0, entry] == GREEN:
+                        usual, number = usual + b + g + r, number + 1
+                    elif tables[1, entry] == GREEN:
+                        washed_out, washed_number = washed_out + b + g + r, washed_number + 1
+            sums[0, row + 1, column + 1] = usual + sums[0, row, column + 1]
+            sums[1, row + 1, column + 1] = number + sums[1, row, column + 1]
+            sums[2, row + 1, column + 1] = washed_out + sums[2, row, column + 1]
+            sums[3, row + 1, column + 1] = washed_number + sums[3, row, column + 1]
     per_cell = (CELL_PX // _EVERY) ** 2
     for row in range(rows):
         for column in range(columns):
@@ -318,7 +316,7 @@ def _window(row: int, column: int, reach: int, rows: int, columns: int) -> tuple
 
 
 @njit(cache=True)
-def _inside(total: FloatArray, at: tuple[int, int, int, int]) -> float:
+def _inside(total: IntArray, at: tuple[int, int, int, int]) -> float:
     """Sum over a window, from an integral image."""
     top, bottom, left, right = at
     return float(total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left])

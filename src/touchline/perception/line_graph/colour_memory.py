@@ -3,8 +3,9 @@ green fades they are learned again.
 """
 
 import numpy as np
+from numba import njit
 
-from touchline.geometry import BoolArray, FloatArray, IndexArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.colour_file import load_colours
 from touchline.perception.line_graph.colour_classes import (
@@ -41,7 +42,7 @@ class ColourMemory:
         self.classes: ColourClasses | None = self._kept
         self._learned = self.classes
         self._tint = NO_TINT
-        self._ground: tuple[IndexArray, IndexArray] | None = None  # pixels that see it
+        self._ground: IntArray | None = None  # pixels that see it
         self._images: list[ImageArray] = []
         self._green = GreenWatch()
 
@@ -70,14 +71,11 @@ class ColourMemory:
         """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on."""
         if self._learned is None or self._ground is None or not self._learned.local:
             return
-        rows, columns = self._ground
-        colours = image[rows, columns].astype(np.float64)
-        shares = colours / np.maximum(colours.sum(axis=1, keepdims=True), 1.0)
         green = self._learned.model.green / self._learned.model.green.sum()
-        carpet = shares[shares[:, 1] - 1.0 / 3.0 > _GREENISH * (green[1] - 1.0 / 3.0)]
-        if len(carpet) < _MIN_CELLS:
+        carpet = _carpet_shares(image, self._ground, 1.0 / 3.0 + _GREENISH * (float(green[1]) - 1.0 / 3.0))
+        if carpet.shape[1] < _MIN_CELLS:
             return
-        tint = np.exp(np.clip(np.log(np.maximum(np.median(carpet, axis=0), 1e-3) / green), -_MAX_TINT, _MAX_TINT))
+        tint = np.exp(np.clip(np.log(np.maximum(np.median(carpet, axis=1), 1e-3) / green), -_MAX_TINT, _MAX_TINT))
         if np.abs(np.log(tint / self._tint)).max() > _MIN_TINT:
             self._tint, self.classes = tint, tinted_classes(self._learned, tint)
 
@@ -89,9 +87,39 @@ class ColourMemory:
         """
         if self._kept is not None:
             return
-        inside = horizon & (np.arange(len(horizon))[:, np.newaxis] >= len(horizon) - ends)
-        rows, columns = (cells[::_EVERY] for cells in np.nonzero(inside if inside.sum() > _MIN_FIELD else horizon))
-        self._ground = CELL_PX * rows + CELL_PX // 2, CELL_PX * columns + CELL_PX // 2
-        self._green.is_faded(float(counts[GREEN][horizon].sum()) / (FULL * max(int(horizon.sum()), 1)))
+        self._ground, green = _look_at_ground(counts, horizon, ends)
+        self._green.is_faded(green)
         if self._green.has_faded:
             self._images, self._green = [], GreenWatch()
+
+
+@njit(cache=True)
+def _carpet_shares(image: ImageArray, pixels: IntArray, least: float) -> FloatArray:
+    """(3, M) shares of B, G, R in their sum at those of pixels (N, 2: v, u) where that of G is more than the least."""
+    shares, count = np.empty((3, len(pixels))), 0
+    for v, u in pixels:
+        b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
+        total = max(b + g + r, 1.0)
+        if g / total > least:
+            shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
+            count += 1
+    return shares[:, :count]
+
+
+@njit(cache=True)
+def _look_at_ground(counts: CountArray, horizon: BoolArray, ends: FloatArray) -> tuple[IntArray, float]:
+    """Pixels (N, 2: v, u) of one in so many cells of the field, or of all ground, and the share of green in this."""
+    rows, columns = horizon.shape
+    pixels, ground, field, green = np.empty((2, rows * columns, 2), dtype=np.int64), 0, 0, 0
+    for row in range(rows):
+        for column in range(columns):
+            if not horizon[row, column]:
+                continue
+            v, u = CELL_PX * row + CELL_PX // 2, CELL_PX * column + CELL_PX // 2
+            pixels[0, ground, 0], pixels[0, ground, 1] = v, u
+            ground, green = ground + 1, green + counts[GREEN, row, column]
+            if row >= rows - ends[column]:
+                pixels[1, field, 0], pixels[1, field, 1] = v, u
+                field += 1
+    looked_at = pixels[1, :field:_EVERY] if field > _MIN_FIELD else pixels[0, :ground:_EVERY]
+    return looked_at, green / (FULL * max(ground, 1))

@@ -195,9 +195,9 @@ def _measure(
     column = min(max(int(out[_U] / CELL_PX), 0), columns - 1)
     if not math.isfinite(distance) or rows - bottom > ends[column] + 1.0:
         return False  # above the horizon, or it stands beyond the field
-    cells = plane.lens.pinhole[0] / CELL_PX / distance
+    per_m = plane.lens.pinhole[0] / CELL_PX / distance
     out[_CUT] = 1.0 if top == 0 else 0.0
-    if width > _MAX_WIDTH * limits[1] * cells + 2.0 or (size < _MIN_HEIGHT * limits[0] * cells and top > 0):
+    if width > _MAX_WIDTH * limits[1] * per_m + 2.0 or (size < _MIN_HEIGHT * limits[0] * per_m and top > 0):
         return False
     top = _bands(spans[:size], out)
     out[_HEIGHT] = _height(plane, out[_U], CELL_PX * top, distance)

@@ -186,6 +186,8 @@ def _next_edge(points: FloatArray, carpet: FloatArray, state: IntArray, cell: fl
                     on += state[k] == _FREE and abs(y - points[k, 1]) < _ON * cell
                     if y - points[k, 1] > _ABOVE * cell:
                         against += _CARPET_COUNTS if y - carpet[k] > _ABOVE * cell else 1
+                if on - against + columns - 1 - k <= best:  # as nearly all pairs
+                    break
             if on - against > best and on >= _MIN_ON * columns:
                 best = on - against
                 edge[0], edge[1] = offset, slope

@@ -42,12 +42,17 @@ def line_graph(smooth: FloatArray, ranks: ByteArray, bridge: bool = True) -> Gra
 
     bridge: whether candidate connections over gaps are judged.
     """
-    node_at = np.full(ranks.shape, -1, dtype=np.int64)
-    cells = np.empty((MAX_NODES, 2), dtype=np.int64)
-    count = place_nodes(ranks, node_at, cells)
     graph = Graph(np.empty((MAX_NODES, 2)), np.empty((MAX_NODES, MAX_LINKS), dtype=np.int64),
                   np.zeros(MAX_NODES, dtype=np.int64))  # fmt: skip
-    graph.places[:count] = cells[:count]
+    count = _build(smooth, ranks, bridge, graph)
+    return Graph(graph.places[:count], graph.links[:count], graph.degrees[:count])
+
+
+@njit(cache=True)
+def _build(smooth: FloatArray, ranks: ByteArray, bridge: bool, graph: Graph) -> int:
+    """`line_graph`, into the graph; returns how many nodes there are."""
+    node_at = np.full(ranks.shape, -1, dtype=np.int64)
+    count = place_nodes(ranks, node_at, graph.places)
     connect_regions(ranks, node_at, graph)
     remove_triangles(graph, count)
     count = stretch_ends(ranks, node_at, graph, count)
@@ -55,11 +60,11 @@ def line_graph(smooth: FloatArray, ranks: ByteArray, bridge: bool = True) -> Gra
         bridge_gaps(smooth, graph, count)
     lead_through(graph, count)
     refine_places(smooth, graph, count)
-    return Graph(graph.places[:count], graph.links[:count], graph.degrees[:count])
+    return count
 
 
 @njit(cache=True)
-def place_nodes(ranks: ByteArray, node_at: IntArray, cells: IntArray) -> int:
+def place_nodes(ranks: ByteArray, node_at: IntArray, cells: FloatArray) -> int:
     """Nodes at peaks of the skeleton, then along its ridges at least two cells apart.
 
     Writes the number of the node into node_at (rows, columns), column and row into cells; returns how many.

@@ -15,7 +15,6 @@ from touchline.camera import GroundView, PinholeCamera
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
 
-
 Numbers = tuple[float, ...]  # no arrays: their references would be counted with every call
 
 
@@ -30,8 +29,8 @@ class Lens(NamedTuple):
 
 
 class ImagePlane(NamedTuple):
-    """lens: of the camera. ground: (9,) rows of ground from plane, homogeneous, the last one positive below the horizon.
-    plane: (9,) of its inverse. size: (2,) width and height of the image (px).
+    """lens: of the camera. ground: (9,) rows of ground from plane, homogeneous, the last one positive below the
+    horizon. plane: (9,) of its inverse. size: (2,) width and height of the image (px).
     foot: (2,) the ground point below the camera (m). height: of the camera above it, in the scale of `ground`.
     """
 
@@ -130,6 +129,15 @@ def planes_from_pixels(plane: ImagePlane, pixels: FloatArray) -> FloatArray:
     for i in range(len(pixels)):
         points[i, 0], points[i, 1] = plane_from_pixel(plane.lens, pixels[i, 0], pixels[i, 1])
     return points
+
+
+@njit(cache=True, error_model="numpy")
+def pixels_from_planes(lens: Lens, points: FloatArray) -> FloatArray:
+    """`pixel_from_plane` of places (N, 2), as (N, 2)."""
+    pixels = np.empty((len(points), 2))
+    for i in range(len(points)):
+        pixels[i, 0], pixels[i, 1] = pixel_from_plane(lens, points[i, 0], points[i, 1])
+    return pixels
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,5 +1,6 @@
 """Landmarks (section 4.3): goal posts, goals, poles and penalty marks, told by what the field has of them."""
 
+from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -102,16 +103,22 @@ def _white_posts(
 
 
 def _penalty_marks(structure: Structure, lines: Lines, plane: ImagePlane, field: FieldModel) -> list[_Landmark]:
-    sizes = [size for x, y, size in field.discs if field.line_distances([[x, y]])[0] >= field.line_width]
-    if not sizes:
+    size = _mark_size(field)
+    if size is None:
         return []
-    middles = find_penalty_marks(structure.counts, structure.ends, plane, float(sizes[0]))
+    middles = find_penalty_marks(structure.counts, structure.ends, plane, size)
     middles = np.array([middle for middle in middles if not _near_a_line(middle, lines)]).reshape(-1, 2)
     places = grounds_from_pixels(plane, middles)
     return [
         _Landmark(LandmarkKind.PENALTY_MARK, Upright(place, middle, ()), 0.7, (1.5, 0.02))
         for place, middle in zip(places, middles, strict=True)
     ]
+
+
+@lru_cache(maxsize=16)
+def _mark_size(field: FieldModel) -> float | None:
+    """Diameter (m) of the marks that lie on no line."""
+    return next((float(d) for x, y, d in field.discs if field.line_distances([[x, y]])[0] >= field.line_width), None)
 
 
 def _near_a_line(pixel: FloatArray, lines: Lines) -> bool:

@@ -122,12 +122,12 @@ def read_profile(
         top = samples[steps + k] if samples[steps + k] > top else top
     if not top > _FAINTEST:
         return NO_LINE
-    for side in (-1, 1):
+    for way in (-1, 1):
         for k in range(near + 1, steps + 1):  # as far as there is paint, and its flank
             last = k - _FLANK_PX
-            if last >= near and not samples[steps + side * last] >= 0.5 * min(top, 1.0):
+            if last >= near and not samples[steps + way * last] >= 0.5 * min(top, 1.0):
                 break
-            samples[steps + side * k] = _sample(pixels, cut, side * k)
+            samples[steps + way * k] = _sample(pixels, cut, way * k)
     shown, middle, paint, top = find_paint(samples, cut.width_px, reach_px)
     if shown != LINE:
         return shown

@@ -82,15 +82,25 @@ def _counted(image: ImageArray, classes: ColourClasses, usable: BoolArray) -> tu
     light, washed = np.ones(usable.shape), np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
         carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
-        np.clip(light, _DARKEST, _BRIGHTEST, out=light)
-    white_from = np.clip(
-        FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, FIRST_WHITE, min(classes.white_until, 255.0)
-    ).astype(np.uint8)
+    white_from = np.empty(usable.shape, dtype=np.uint8)
+    _white_codes(light, classes.white_from, min(classes.white_until, 255.0), white_from)
     counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
     count_classes(image, classes.tables, white_from, washed, counts)
     suppress_fringes(counts)
-    counts[:, ~usable] = 0
+    if not usable.all():
+        counts[:, ~usable] = 0
     return counts, light
+
+
+@njit(cache=True)
+def _white_codes(light: FloatArray, white_from: float, until: float, codes: ByteArray) -> None:
+    """Code from which on a pixel is white in the light of each cell, into codes (rows, columns); bounds the light."""
+    rows, columns = light.shape
+    for row in range(rows):
+        for column in range(columns):
+            light[row, column] = min(max(light[row, column], _DARKEST), _BRIGHTEST)
+            code = FIRST_WHITE + (white_from - FIRST_WHITE) * light[row, column]
+            codes[row, column] = np.uint8(min(max(code, FIRST_WHITE), until))
 
 
 def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings) -> tuple[FloatArray, FloatArray]:
