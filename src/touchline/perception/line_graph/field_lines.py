@@ -13,20 +13,19 @@ from touchline.perception.line_graph.image_plane import (
     ImagePlane,
     ground_covariances,
     grounds_from_pixels,
-    pixel_from_plane,
+    pixels_from_planes,
     planes_from_pixels,
     transformed,
 )
 from touchline.perception.line_graph.lines import split_and_merge
 from touchline.perception.line_graph.nets import is_thread
 from touchline.perception.line_graph.profiles import Pixels
-from touchline.perception.line_graph.refine import POINT_COLUMNS, refine_line, sagitta
+from touchline.perception.line_graph.refine import COVERED_PX, POINT_COLUMNS, is_covered, refine_line, sagitta
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import LinePoints, Lines
 
 _MAX_POINTS = 2000
-_COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
 _ALL = 5  # times as many lines as the cells show, at most: at both ends and to both sides of each another one
 _ASIDE_M = 0.4  # length of these that is tried
 _ROUGH_M = 0.35  # a shorter line has no direction by the cells alone
@@ -103,8 +102,7 @@ def _without_faint(found: FoundLines) -> FoundLines:
 
 def lines_on_ground(found: FoundLines, plane: ImagePlane, settings: LineGraphSettings) -> tuple[Lines, LinePoints]:
     """The lines and their points in the robot frame."""
-    ends = found.planes.reshape(-1, 2)
-    uv = np.array([pixel_from_plane(plane.lens, x, y) for x, y in ends]).reshape(-1, 2)
+    uv = pixels_from_planes(plane.lens, found.planes.reshape(-1, 2))
     covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m).reshape(-1, 2, 2, 2)
     ground: FloatArray = grounds_from_pixels(plane, uv).reshape(-1, 2, 2)
     lines = Lines(ground, covariances, found.confidences, uv.reshape(-1, 2, 2))
@@ -141,10 +139,10 @@ def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ign
     """Place candidates (L, 4) by their pixels, behind those found `before`; how many lines and points there are."""
     kept, total = before
     lines, confidences, points = found
-    covered = _COVERED_PX / plane.lens.pinhole[0]
+    covered = COVERED_PX / plane.lens.pinhole[0]
     for k in range(len(candidates)):
         line = candidates[k].copy()
-        if not np.isfinite(line).all() or _is_covered(line, lines[:kept], covered):
+        if not np.isfinite(line).all() or is_covered(line, lines[:kept], covered):
             continue
         if not limits.subpixel:
             if _is_long(line, plane, limits):
@@ -152,8 +150,8 @@ def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ign
                 copy_row(line, lines[kept])
                 kept += 1
             continue
-        confidence, count = refine_line(pixels, plane, line, points[total:])
-        if confidence == 0.0 or _is_covered(line, lines[:kept], covered):
+        confidence, count = refine_line(pixels, plane, line, lines[:kept], points[total:])
+        if confidence == 0.0 or is_covered(line, lines[:kept], covered):
             continue
         own, paint, contrast = points[total : total + count], 0.0, 0.0
         for point in own:
@@ -167,24 +165,6 @@ def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ign
         copy_row(line, lines[kept])
         kept, total = kept + 1, total + count
     return kept, total
-
-
-@njit(cache=True, error_model="numpy")
-def _is_covered(line: FloatArray, others: FloatArray, slack: float) -> bool:
-    """Whether both ends of a line (4,) lie on one of the others (K, 4), to within a slack."""
-    for k in range(len(others)):
-        other = others[k]
-        dx, dy = other[2] - other[0], other[3] - other[1]
-        length = math.hypot(dx, dy)
-        dx, dy = dx / length, dy / length
-        on = True
-        for end in range(2):
-            x, y = line[2 * end] - other[0], line[2 * end + 1] - other[1]
-            along = x * dx + y * dy
-            on = on and abs(x * dy - y * dx) < slack and -2.0 * slack < along < length + 2.0 * slack
-        if on:
-            return True
-    return False
 
 
 @njit(cache=True, error_model="numpy")

@@ -22,6 +22,7 @@ _OUTLIER_PX = 2.0
 _MISSES, _GAP_WIDTHS = 2, 4.0  # so many profiles and line widths in a row without a line: it has ended
 _MAX_BEYOND = 60
 _ROW = 6
+COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
 _MAX_LEAN_PX = 1.0  # of both halves of a line's points against the whole; the lens leaves less
 
 POINT_COLUMNS = 5
@@ -29,11 +30,13 @@ POINT_COLUMNS = 5
 
 
 @njit(cache=True, error_model="numpy")
-def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: FloatArray) -> tuple[float, int]:
+def refine_line(
+    pixels: Pixels, plane: ImagePlane, line: FloatArray, placed: FloatArray, points: FloatArray
+) -> tuple[float, int]:
     """Place a line (4,) x0, y0, x1, y1 of the image plane by profiles, in place.
 
     Its points go into points (P, POINT_COLUMNS), but for the line's number. Returns the share of profiles that show it,
-    0 where it is none, and how many points there are.
+    0 where it is none or part of those that are placed already (K, 4), and how many points there are.
     """
     focal = plane.lens.pinhole[0]
     rows = np.empty((_MAX_PROFILES + 2 * _MAX_BEYOND, _ROW))
@@ -43,7 +46,7 @@ def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: Flo
         if sure:
             sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
             sure = sure and misses <= _MAX_MISSED * hits  # else it may be drawn from one line to another
-    if not sure:
+    if not sure or is_covered(line, placed, COVERED_PX / focal):
         return 0.0, 0
     for backward in (True, False):
         hits += _extend(pixels, plane, line, backward, rows[hits:])
@@ -55,6 +58,24 @@ def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: Flo
         row = rows[use[k]]
         points[k, 0], points[k, 1], points[k, 3], points[k, 4] = row[2], row[3], row[4], row[5]
     return len(use) / (hits + misses), count
+
+
+@njit(cache=True, error_model="numpy")
+def is_covered(line: FloatArray, others: FloatArray, slack: float) -> bool:
+    """Whether both ends of a line (4,) lie on one of the others (K, 4), to within a slack."""
+    for k in range(len(others)):
+        other = others[k]
+        dx, dy = other[2] - other[0], other[3] - other[1]
+        length = math.hypot(dx, dy)
+        dx, dy = dx / length, dy / length
+        on = True
+        for end in range(2):
+            x, y = line[2 * end] - other[0], line[2 * end + 1] - other[1]
+            along = x * dx + y * dy
+            on = on and abs(x * dy - y * dx) < slack and -2.0 * slack < along < length + 2.0 * slack
+        if on:
+            return True
+    return False
 
 
 @njit(cache=True, error_model="numpy")
