@@ -60,6 +60,7 @@ class FieldAssociations:
         landmarks = _landmarks(field)
         self.crossing_count = len(crossings)
         self._landmarks = [(kind, colors) for kind, colors, _, _ in landmarks]
+        self._of_landmark: dict[tuple[str, Colors], Association] = {}
         places = [(c.x, c.y) for c in crossings] + [(x, y) for _, _, x, y in landmarks]
         self._of_kind = {kind: np.array([i for i, c in enumerate(crossings) if c.kind is kind], np.int64)
                          for kind in CrossingKind}  # fmt: skip
@@ -85,8 +86,11 @@ class FieldAssociations:
 
     def of_landmark(self, kind: str, colors: Colors) -> Association:
         """All landmarks of that kind, and of those colours where they are known."""
-        same = [i for i, (k, c) in enumerate(self._landmarks) if k == kind and (not colors or not c or c == colors)]
-        return Association(NO_PLACE, 1, 0.0, np.array(same, np.int64) + self.crossing_count)
+        if (kind, colors) not in self._of_landmark:
+            same = [i for i, (k, c) in enumerate(self._landmarks) if k == kind and (not colors or not c or c == colors)]
+            places = np.array(same, np.int64) + self.crossing_count
+            self._of_landmark[kind, colors] = Association(NO_PLACE, 1, 0.0, places)
+        return self._of_landmark[kind, colors]
 
     @property
     def tell_ends_apart(self) -> bool:

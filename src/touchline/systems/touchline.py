@@ -209,10 +209,10 @@ class Touchline:
             self.bank.register(image)  # register: fit the image from every hypothesis
             found = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
             self.bank.update(image, *found, frame.evidence)  # fuse, weigh
-            self._judge_end(frame, observation, seconds)  # which end of the field
+            self._judge_end(frame, observation, image, seconds)  # which end of the field
             self._judge_sensors(frame, image)  # does any sensor contradict the others?
         self._judge_status(seconds)  # is the pose tracked?
-        self._judge_delay(frame)  # how late are the stamps?
+        self._judge_delay(frame, image)  # how late are the stamps?
         return self._report(observation)
 
     def _take(self, frame: Frame) -> float:
@@ -307,7 +307,7 @@ class Touchline:
         taken_ns = frame.stamp_ns - round(1e9 * self.delay.corrected_s)
         return self.end_judge.compass(taken_ns, self.history)
 
-    def _judge_end(self, frame: Frame, observation: Observation, seconds: float) -> None:
+    def _judge_end(self, frame: Frame, observation: Observation, image: Image, seconds: float) -> None:
         """Which of the pose and its twin is right, by the compass, by colours and by the evidence of others."""
         best, end = self.bank.best, self.end
         if best is None or self.safeguard.held is not None:
@@ -321,7 +321,7 @@ class Touchline:
             end.update_from_compass(compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends
             coloured = Observation(observation.stamp_ns, landmarks=observation.landmarks)
-            view = self._view(coloured, best.filter.errors, self.errors.response(frame))
+            view = self._view(coloured, best.filter.errors, image.response)
             end.update_from_colours(view, best.filter.pose)
         end.update_from_team(frame.evidence, best.filter.pose, seconds)
         self.problems += self.end_judge.refute(self.bank)
@@ -342,7 +342,7 @@ class Touchline:
         self.relocation.settle(self.bank, self.judged.blind_frames == 0, tracked)
         self.problems += self.end_judge.tracked(seconds) if tracked else ()
 
-    def _judge_delay(self, frame: Frame) -> None:
+    def _judge_delay(self, frame: Frame, image: Image) -> None:
         """How late images are stamped, by the motion that the pose shows or by how a walking robot sways."""
         best = self.bank.best
         if best is None or best.fit is None or self.judged.status is not Status.TRACKING or self.judged.blind_frames:
@@ -355,7 +355,7 @@ class Touchline:
         elif frame.image is None or best.explained < self.settings.min_explained:
             return
         else:
-            lean_rad = lean_by(best.fit.state[3:5] - best.filter.errors[:2], self.errors.response(frame).axis)
+            lean_rad = lean_by(best.fit.state[3:5] - best.filter.errors[:2], image.response.axis)
             delay_s, deviation_s = self.sway.update(lean_rad, self.leaning, frame.stamp_ns, self._estimated_delay_s)
         problem = self.delay.update(delay_s, deviation_s, correctable=not pans)
         self.problems += () if problem is None else (problem,)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 from pydantic import Field
@@ -11,16 +11,12 @@ from touchline.config import Settings, added
 from touchline.field.association import Association, FieldAssociations
 from touchline.geometry import FloatArray
 from touchline.localization.registration.feature_model import FeatureView, LineFeatures, PointFeatures
+from touchline.localization.registration.feature_noise import MIN_M, Noise, line_noise, point_noise
 from touchline.types import Crossings, LandmarkKind, Landmarks, Lines, Observation
 
 _POSTS = (LandmarkKind.POST.value, LandmarkKind.GOAL.value)
 _MARKS = (LandmarkKind.PENALTY_MARK.value, LandmarkKind.CIRCLE.value)
-MAX_M = 10.0  # of the observation range, whose measure is the uniform density of section 5.3
-MIN_M = 0.05  # a line without length has no direction
 MODEL_M = 0.03  # error of a feature's place on the field: paint, carpet, lens; added to covariances
-MODEL_RAD = 0.02  # the same of a line's direction
-MIN_RATIO = 1e-6  # of the normal observation: a confidence of 0 is no division by it
-
 
 NO_POINTS = PointFeatures(
     np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0),
@@ -106,7 +102,9 @@ class Features:
         self.associations = associations
         self.settings = settings or FeatureSettings()
         self.height_m = height_m
-        self.model_m = model_m
+        n = self.settings.noise
+        sigmas = (n.sigma_d_m, n.sigma_l_m, n.range_ratio, n.sigma_beta_rad)
+        self._noise = Noise(*sigmas, n.uniform_floor, n.lean_rad, height_m, model_m, self.settings.paper.covariances)
 
     def of(self, seen: Observation, placed: Callable[[FloatArray], FloatArray] | None = None) -> FeatureView:
         """What counts of an observation. placed: ground points (N, 2) without the camera's errors that are known."""
@@ -118,7 +116,7 @@ class Features:
         if len(seen.lines):
             ends = seen.lines.ends_m
             ends = ends if placed is None else placed(ends.reshape(-1, 2)).reshape(-1, 2, 2)
-            lines = self._lines(replace(seen.lines, ends_m=ends))
+            lines = self._lines(seen.lines, ends)
         return FeatureView(points, lines)
 
     def points_of(self, seen: Observation) -> PointFeatures:
@@ -147,32 +145,22 @@ class Features:
         covariances = np.concatenate((crossings.covariances_m2, landmarks.covariances_m2))[kept]
         confidences = np.concatenate((crossings.confidences, landmarks.confidences))[kept]
         orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))[kept]
-        n = self.settings.noise
-        ranges = np.hypot(positions[:, 0], positions[:, 1])
-        sigmas = np.column_stack((n.sigma_d_m + n.range_ratio * ranges, np.full(len(ranges), n.sigma_beta_rad)))
-        covariances = covariances + self.model_m**2 * np.eye(2)
-        own_information = np.linalg.inv(covariances)
-        information = np.linalg.inv(covariances + self._lean_covariances(positions))
-        if self.settings.paper.covariances:
-            uniform = 1.0 / (math.pi * MAX_M**2)
-            densities = np.sqrt(np.linalg.det(information)) / (2.0 * math.pi)
-        else:
-            uniform = 1.0 / (2.0 * math.pi * MAX_M)
-            densities = 1.0 / (2.0 * math.pi * sigmas[:, 0] * sigmas[:, 1])
-        sizes = np.cumsum([0, *(len(a.candidates) for a in found)], dtype=np.int64)
-        sets = np.array([(a.table, a.sets, first, end) for a, first, end in zip(found, sizes, sizes[1:], strict=False)])
-        candidates = np.concatenate([np.zeros(0, np.int64), *(a.candidates for a in found)])
-        turns = orientations - np.array([a.turn_rad for a in found])
+        information, own_information = np.empty_like(covariances), np.empty_like(covariances)
+        sigmas, mixture = np.empty_like(positions), np.empty((2, len(kept)))
+        point_noise(positions, covariances, confidences, self._noise, information, own_information, sigmas, mixture)
+        ends = list(accumulate((len(a.candidates) for a in found), initial=0))
+        sets = [(a.table, a.sets, first, end) for a, first, end in zip(found, ends, ends[1:], strict=False)]
         return PointFeatures(
             positions,
             information,
             own_information,
             sigmas,
-            *self._mixture(confidences, uniform, densities),
+            mixture[0],
+            mixture[1],
             confidences,
-            sets.astype(np.int64).reshape(-1, 4),
-            turns,
-            candidates,
+            np.array(sets, dtype=np.int64).reshape(-1, 4),
+            orientations - np.array([a.turn_rad for a in found]),
+            np.concatenate([NO_POINTS.candidates, *(a.candidates for a in found)]),
         )
 
     def _associations(self, crossings: Crossings, landmarks: Landmarks) -> tuple[list[int], list[Association]]:
@@ -191,48 +179,16 @@ class Features:
                 found.append(association)
         return kept, found
 
-    def _lines(self, lines: Lines) -> LineFeatures:
-        s, n = self.settings, self.settings.noise
-        along = lines.ends_m[:, 1] - lines.ends_m[:, 0]
+    def _lines(self, lines: Lines, ends: FloatArray) -> LineFeatures:
+        s = self.settings
+        along, middles = ends[:, 1] - ends[:, 0], 0.5 * (ends[:, 0] + ends[:, 1])
         length = np.hypot(along[:, 0], along[:, 1])
-        middles = 0.5 * (lines.ends_m[:, 0] + lines.ends_m[:, 1])
-        ranges = np.hypot(middles[:, 0], middles[:, 1])
         kept = np.full(len(lines), s.use.lines) & (length > MIN_M)
-        kept &= (length >= s.short_line_m) | (ranges < s.far_line_m)
-        ends, along, length, trust = lines.ends_m[kept], along[kept], length[kept], lines.confidences[kept]
-        own, leaning = self._line_sigmas(ends, lines.covariances_m2[kept], along, length)
-        sigmas = leaning
-        if not s.paper.covariances:
-            nearest = closest_ranges(ends)
-            sigmas = np.column_stack((n.sigma_l_m + n.range_ratio * nearest, np.full(len(ends), n.sigma_beta_rad)))
-        uniform = 1.0 / (2.0 * math.pi * MAX_M)
-        densities = 1.0 / (2.0 * math.pi * sigmas[:, 0] * sigmas[:, 1])
-        return LineFeatures(ends, sigmas, own, *self._mixture(trust, uniform, densities), trust)
-
-    def _line_sigmas(
-        self, ends: FloatArray, covariances: FloatArray, along: FloatArray, length: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """(L, 2) of the middle's distance aside (m) and of the direction (rad), from the ends' covariances; without and
-        with the lean's error.
-        """
-        n = self.settings.noise
-        normals = np.column_stack((-along[:, 1], along[:, 0])) / length[:, np.newaxis]
-        aside = np.einsum("li,lkij,lj->l", normals, covariances, normals)
-        own = np.column_stack((aside / 4.0 + self.model_m**2, aside / length**2 + MODEL_RAD**2))
-        moved = np.einsum("li,lkia->lka", normals, lean_jacobians(ends, self.height_m)) * n.lean_rad
-        middle = ((0.5 * (moved[:, 0] + moved[:, 1])) ** 2).sum(axis=1)
-        turned = ((moved[:, 1] - moved[:, 0]) ** 2).sum(axis=1) / length**2
-        return np.sqrt(own), np.sqrt(own + np.column_stack((middle, turned)))
-
-    def _lean_covariances(self, positions: FloatArray) -> FloatArray:
-        jacobians = lean_jacobians(positions, self.height_m) * self.settings.noise.lean_rad
-        return jacobians @ jacobians.transpose(0, 2, 1)
-
-    def _mixture(self, confidences: FloatArray, uniform: float, densities: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Densities of the uniform and of the normal observation with the shares of section 5.3."""
-        base = self.settings.noise.uniform_floor
-        share = np.clip(base + (1.0 - base) * (1.0 - confidences), base, 1.0 - MIN_RATIO)
-        return share * uniform, (1.0 - share) * densities
+        kept &= (length >= s.short_line_m) | (np.hypot(middles[:, 0], middles[:, 1]) < s.far_line_m)
+        ends, covariances, trust = ends[kept], lines.covariances_m2[kept], lines.confidences[kept]
+        sigmas, own, mixture = np.empty((len(ends), 2)), np.empty((len(ends), 2)), np.empty((2, len(ends)))
+        line_noise(ends, covariances, trust, self._noise, sigmas, own, mixture)
+        return LineFeatures(ends, sigmas, own, mixture[0], mixture[1], trust)
 
 
 def _positions(seen: Observation) -> FloatArray:
@@ -253,11 +209,3 @@ def lean_jacobians(points: FloatArray, height_m: float) -> FloatArray:
 def levelled(ground: FloatArray, height_m: float, lean: FloatArray) -> FloatArray:
     """Ground points (..., 2) without roll and pitch (2,) that the camera is known to lack (rad), to first order."""
     return ground - lean_jacobians(ground, height_m) @ lean
-
-
-def closest_ranges(ends: FloatArray) -> FloatArray:
-    """d_o of equation (6): ranges (L,) of the closest points of observed lines, ends (L, 2, 2)."""
-    along = ends[:, 1] - ends[:, 0]
-    share = -np.einsum("li,li->l", ends[:, 0], along) / np.maximum(np.einsum("li,li->l", along, along), 1e-12)
-    closest = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, np.newaxis] * along
-    return np.hypot(closest[:, 0], closest[:, 1])

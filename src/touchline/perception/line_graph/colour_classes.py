@@ -280,9 +280,10 @@ def carpet_light(
     rows, columns = light.shape
     # integral images, of brightness and number of green samples and of those of washed-out ones: what is summed over
     # any rectangle costs four look-ups
-    sums = np.zeros((4, rows + 1, columns + 1), dtype=np.int64)
+    pad = _LIGHT_REACH  # columns to each side, so that no window leaves them
+    sums = np.zeros((4, rows + 1, columns + 1 + 2 * pad))
     for row in range(rows):
-        usual = number = washed_out = washed_number = 0  # along the row
+        usual = number = washed_out = washed_number = np.int64(0)  # along the row
         for column in range(columns):
             for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
                 for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
@@ -292,34 +293,35 @@ def carpet_light(
                         usual, number = usual + b + g + r, number + 1
                     elif tables[1, entry] == GREEN:
                         washed_out, washed_number = washed_out + b + g + r, washed_number + 1
-            sums[0, row + 1, column + 1] = usual + sums[0, row, column + 1]
-            sums[1, row + 1, column + 1] = number + sums[1, row, column + 1]
-            sums[2, row + 1, column + 1] = washed_out + sums[2, row, column + 1]
-            sums[3, row + 1, column + 1] = washed_number + sums[3, row, column + 1]
+            at = column + 1 + pad
+            sums[0, row + 1, at] = usual + sums[0, row, at]
+            sums[1, row + 1, at] = number + sums[1, row, at]
+            sums[2, row + 1, at] = washed_out + sums[2, row, at]
+            sums[3, row + 1, at] = washed_number + sums[3, row, at]
+        for at in range(columns + 1 + pad, columns + 1 + 2 * pad):
+            for k in range(4):
+                sums[k, row + 1, at] = sums[k, row + 1, columns + pad]
     per_cell = (CELL_PX // _EVERY) ** 2
     for row in range(rows):
+        near = max(row - _WASHED_REACH, 0), min(row + _WASHED_REACH + 1, rows)
+        wide = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
         for column in range(columns):
-            near = _window(row, column, _WASHED_REACH, rows, columns)
-            area = (near[1] - near[0]) * (near[3] - near[2]) * per_cell
-            washed[row, column] = _inside(sums[3], near) > _WASHED_SHARE * area
-            wide = _window(row, column, _LIGHT_REACH, rows, columns)
-            brightness, count = _inside(sums[0], wide), _inside(sums[1], wide)
-            if washed[row, column]:
-                brightness, count = _inside(sums[2], near), _inside(sums[3], near)
+            across = min(column + _WASHED_REACH + 1, columns) - max(column - _WASHED_REACH, 0)
+            at = column + pad
+            pale = _inside(sums, 3, near, at, _WASHED_REACH)
+            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * per_cell)
+            brightness, count = _inside(sums, 0, wide, at, _LIGHT_REACH), _inside(sums, 1, wide, at, _LIGHT_REACH)
+            brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
+            count = pale if is_washed else count
+            washed[row, column] = is_washed
             light[row, column] = brightness / (count * carpet_sum) if count > 8.0 else 1.0
 
 
 @njit(cache=True)
-def _window(row: int, column: int, reach: int, rows: int, columns: int) -> tuple[int, int, int, int]:
-    """First and last row and column, the last ones excluded."""
-    return max(row - reach, 0), min(row + reach + 1, rows), max(column - reach, 0), min(column + reach + 1, columns)
-
-
-@njit(cache=True)
-def _inside(total: IntArray, at: tuple[int, int, int, int]) -> float:
-    """Sum over a window, from an integral image."""
-    top, bottom, left, right = at
-    return float(total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left])
+def _inside(sums: FloatArray, k: int, rows: tuple[int, int], column: int, reach: int) -> float:
+    """Sum of rows, the last excluded, and of columns within a reach of one, from integral image k of sums."""
+    top, bottom, left, right = rows[0], rows[1], column - reach, column + reach + 1
+    return float(sums[k, bottom, right] - sums[k, top, right] - sums[k, bottom, left] + sums[k, top, left])
 
 
 @njit(cache=True)

@@ -75,7 +75,9 @@ class ColourMemory:
         carpet = _carpet_shares(image, self._ground, 1.0 / 3.0 + _GREENISH * (float(green[1]) - 1.0 / 3.0))
         if carpet.shape[1] < _MIN_CELLS:
             return
-        tint = np.exp(np.clip(np.log(np.maximum(np.median(carpet, axis=1), 1e-3) / green), -_MAX_TINT, _MAX_TINT))
+        middles = [(carpet.shape[1] - 1) // 2, carpet.shape[1] // 2]
+        median = np.partition(carpet, middles, axis=1)[:, middles].mean(axis=1)
+        tint = np.exp(np.clip(np.log(np.maximum(median, 1e-3) / green), -_MAX_TINT, _MAX_TINT))
         if np.abs(np.log(tint / self._tint)).max() > _MIN_TINT:
             self._tint, self.classes = tint, tinted_classes(self._learned, tint)
 

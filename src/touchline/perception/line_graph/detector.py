@@ -162,9 +162,11 @@ class LineGraphDetector:
 
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
         pixels = boundary_pixels(structure.ends, structure.smooth.shape[0])
+        pixels = pixels[(structure.ends > 0.0) & (pixels[:, 1] > 0.0)]
         ground: FloatArray = grounds_from_pixels(plane, pixels)
-        inside = np.isfinite(ground).all(axis=1) & (structure.ends > 0.0) & (pixels[:, 1] > 0.0)
-        pixels, ground = pixels[inside], ground[inside]
+        if np.isnan(np.add.reduce(ground, axis=None)):
+            inside = np.isfinite(ground[:, 0])
+            pixels, ground = pixels[inside], ground[inside]
         covariances = ground_covariances(plane, pixels, 0.5 * CELL_PX, 0.05)
         return LinePoints(ground, covariances, np.full(len(ground), 0.5), pixels)
 

@@ -173,21 +173,22 @@ def _next_edge(points: FloatArray, carpet: FloatArray, state: IntArray, cell: fl
     """
     columns = len(points)
     best = 0
+    x, y, free = points[:, 0].copy(), points[:, 1].copy(), points[:, 1].copy()
+    for k in range(columns):  # what is NaN counts nowhere
+        y[k] = np.nan if state[k] == _BEYOND else y[k]
+        free[k] = free[k] if state[k] == _FREE else np.nan
     for i in range(0, columns - _PAIRS_APART, _EVERY):
         for j in range(i + _PAIRS_APART, columns, _EVERY):
             if state[i] != _FREE or state[j] != _FREE:
                 continue
-            slope = (points[j, 1] - points[i, 1]) / (points[j, 0] - points[i, 0])
-            offset = points[i, 1] - slope * points[i, 0]
+            slope = (y[j] - y[i]) / (x[j] - x[i])
+            offset = y[i] - slope * x[i]
             on = against = 0
             for k in range(columns):
-                if state[k] != _BEYOND:
-                    y = offset + slope * points[k, 0]
-                    on += state[k] == _FREE and abs(y - points[k, 1]) < _ON * cell
-                    if y - points[k, 1] > _ABOVE * cell:
-                        against += _CARPET_COUNTS if y - carpet[k] > _ABOVE * cell else 1
-                if on - against + columns - 1 - k <= best:  # as nearly all pairs
-                    break
+                edge_y = offset + slope * x[k]
+                on += abs(edge_y - free[k]) < _ON * cell
+                above = edge_y - y[k] > _ABOVE * cell
+                against += above + (_CARPET_COUNTS - 1) * (above & (edge_y - carpet[k] > _ABOVE * cell))
             if on - against > best and on >= _MIN_ON * columns:
                 best = on - against
                 edge[0], edge[1] = offset, slope

@@ -60,8 +60,10 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
     """The geometry of an image of a perspective camera."""
     pose = view.pose
     rotation, at = pose.rotation, pose.translation_m
-    rays = np.column_stack((-rotation[:, 1], -rotation[:, 2], rotation[:, 0]))  # of (x, y, 1), base frame
-    ground = np.stack((at[2] * rays[0] - at[0] * rays[2], at[2] * rays[1] - at[1] * rays[2], -rays[2]))
+    rays = rotation[:, [1, 2, 0]] * (-1.0, -1.0, 1.0)  # of (x, y, 1), base frame
+    ground = at[2] * rays
+    ground[:2] -= np.outer(at[:2], rays[2])
+    ground[2] = -rays[2]
     fx, fy, cx, cy = lens.pinhole
     if view.correction is not None:
         pixels = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
