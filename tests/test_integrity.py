@@ -281,13 +281,16 @@ def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
     seen = [frame.observation.points.positions_m for frame in drive.frames if frame.observation is not None]
     truth, lines = list(drive.truth), drive.field.line_tables
     for points_m, pose in zip(seen[:60], truth, strict=False):
-        coverage.update(lines, points_m, pose, found=False, settled=True)
+        if coverage.takes(found=False, settled=True):
+            coverage.update(lines, points_m, pose)
         assert coverage.shown
     for points_m, pose in zip(seen[60:90], truth[60:], strict=False):  # a few things that lie on lines of the field
         ahead = np.abs(np.arctan2(points_m[:, 1], points_m[:, 0])) < 0.4
-        coverage.update(lines, points_m[ahead], pose, found=pose is truth[60], settled=True)
+        assert coverage.takes(found=pose is truth[60], settled=True)
+        coverage.update(lines, points_m[ahead], pose)
         assert not coverage.shown
-    coverage.update(lines, seen[90], truth[90], found=False, settled=True)
+    assert coverage.takes(found=False, settled=True)
+    coverage.update(lines, seen[90], truth[90])
     assert coverage.shown
 
 

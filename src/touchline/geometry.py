@@ -107,7 +107,7 @@ class Pose(NamedTuple):
 
     def as_array(self) -> FloatArray:
         """x, y, heading as float64 (3,)."""
-        return np.array(self, dtype=np.float64)
+        return np.array([*self], dtype=np.float64)  # of a list in a quarter of the time
 
 
 def as_pose(pose: FloatArray) -> Pose:

@@ -154,7 +154,8 @@ class Bank:
     def probabilities(self) -> list[float]:
         """Of the members, their twins on a symmetric field not counted."""
         odds = [math.exp(one.log_odds - self.members[0].log_odds) for one in self.members]
-        return [each / sum(odds) for each in odds]
+        total = sum(odds)
+        return [each / total for each in odds]
 
     @property
     def is_confirmed(self) -> bool:

@@ -190,6 +190,8 @@ class FieldEnd:
     @property
     def evidence_log_odds(self) -> float:
         """Of the pose, against its twin, by all but the prior."""
+        if not self._said:
+            return self.colours + self.compass.log_odds
         others = self.others
         known = sum(gain for source, gain in others.items() if source in self._known)
         unknown = sum(gain for source, gain in others.items() if source not in self._known)

@@ -165,7 +165,7 @@ class Integrity:
     def is_settled(self) -> bool:
         """Whether all has been well for some images: a pose to come back to."""
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
-        return seen and max(_but(self.statistics, CAMERA).values()) < SETTLED
+        return seen and _largest(self.statistics) < SETTLED
 
     def report_camera(self) -> str | None:
         """That the errors which were learned are more than camera.yaml states; at first, and now and then. Once an
@@ -368,8 +368,9 @@ class Integrity:
         if jump.elsewhere:
             self._jumps = min(self._jumps + (self._held_up and jump.predicted is not None), 2.0 * MAX_JUMPS)
             self._held_up = False
-        upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
-        self._coverage.update(self._field.line_tables, upright, best.fit.state[:3], jump.elsewhere, self.is_settled)
+        if self._coverage.takes(jump.elsewhere, self.is_settled):
+            upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
+            self._coverage.update(self._field.line_tables, upright, best.fit.state[:3])
         self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
 
     def _take_probation(self, stamp_ns: int, jump: Jump) -> None:
@@ -409,7 +410,7 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         statistics = self.statistics = self._measured()
-        if max(_but(statistics, CAMERA).values()) >= 1.0:
+        if _largest(statistics) >= 1.0:
             self._raise(statistics)
         elif self.verdict.reason and self.relation.agrees:
             self.verdict = ALL_WELL
@@ -433,6 +434,11 @@ class Integrity:
             return "the pose lies outside of the carpet"
         off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
         return f"{off}: clutter, another field, or camera.yaml"
+
+
+def _largest(statistics: dict[str, float]) -> float:
+    """Of the statistics that distrust something."""
+    return max(value for name, value in statistics.items() if name != CAMERA)
 
 
 def _but(statistics: dict[str, float], *names: str) -> dict[str, float]:

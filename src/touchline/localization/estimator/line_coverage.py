@@ -27,18 +27,20 @@ class LineCoverage:
         self.shown, self._usual, self._far_m = True, 0.0, MAX_M
         self._beyond, self._images = 0.0, 0  # what was shown beyond USUAL; images in which all was well
 
-    def update(self, lines: LineTables, points_m: FloatArray, pose: FloatArray, found: bool, settled: bool) -> None:
-        """Take line points (N, 2), robot frame, at a pose (3,). found: elsewhere than expected; settled: all well."""
+    def takes(self, found: bool, settled: bool) -> bool:
+        """Whether anything is asked of an image. found: elsewhere than expected; settled: all well."""
         if found and self._usual:
             self.shown, self._beyond = False, 0.0
-        if not self.shown:
-            ratio = seen_ratio(lines, points_m, pose, self._far_m) / self._usual
-            self._beyond = max(self._beyond + ratio - USUAL, 0.0)
-            self.shown = self._beyond >= SHOWN
-        elif settled:
-            self._images += 1
-            if self._images % LEARNED_EVERY == 1:
-                self._learn(seen_ratio(lines, points_m, pose, self._far_m), points_m)
+        self._images += self.shown and settled
+        return not self.shown or (settled and self._images % LEARNED_EVERY == 1)
+
+    def update(self, lines: LineTables, points_m: FloatArray, pose: FloatArray) -> None:
+        """Take line points (N, 2), robot frame, at a pose (3,), of an image that it `takes`."""
+        ratio = seen_ratio(lines, points_m, pose, self._far_m)
+        if self.shown:
+            return self._learn(ratio, points_m)
+        self._beyond = max(self._beyond + ratio / self._usual - USUAL, 0.0)
+        self.shown = self._beyond >= SHOWN
 
     def _learn(self, ratio: float, points_m: FloatArray) -> None:
         farthest_m = math.sqrt(float((points_m**2).sum(axis=1).max(initial=0.0)))

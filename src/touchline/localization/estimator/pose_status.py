@@ -91,11 +91,12 @@ class PoseStatus:
         contradicted = self.blind_frames == 0 and not seen_and_fits
         if self.blind_frames == 0:
             self._contradicted_s = self._contradicted_s + seconds if contradicted else 0.0
-        decided = self.is_likely(bank) and end.is_decided(self.criteria.min_probability)
+        likely = self.is_likely(bank)
+        decided = likely and end.is_decided(self.criteria.min_probability)
         ratio = self._image_trust.tracked_ratio if tracked else 1.0
         unexplained = self.blind_frames == 0 and self._explained < ratio * self.criteria.min_explained
         doubts = (
-            (not self.is_likely(bank), "several poses are likely, or too few images support one"),
+            (not likely, "several poses are likely, or too few images support one"),
             (not decided, "which end of the field is open"),
             (contradicted, "the image contradicts the pose"),
             (unexplained, f"the pose explains {100.0 * self._explained:.0f} % of what is seen of late"),

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.estimator.bank import Image
@@ -13,7 +14,7 @@ from touchline.localization.registration.covariance import widest_m
 from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import FOLLOWING, UNSETTLED, Registration
-from touchline.matrices import inverse
+from touchline.matrices import add_to, inverse, plus
 
 LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only images know
 MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
@@ -110,14 +111,32 @@ class VisualMotion:
         self, stamp_ns: int, image: Image, camera: Camera, start: FloatArray, plan: Plan = UNSETTLED
     ) -> Sighting:
         state = np.concatenate((start, camera.errors))
-        information = np.zeros((len(state), len(state)))
-        information[:3, :3] = _ANY
-        information[3:, 3:] = inverse(camera.covariance + 1e-12 * np.eye(len(state) - 3))
-        expected = StatePrior(state, information)
+        expected = StatePrior(state, _expected(camera.covariance))
         joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
-        covariance = np.ascontiguousarray(inverse(joint.information + information)[:3, :3])
+        covariance = _covariance(joint.information, expected.information)
         covariance = _told_alone(covariance) if camera.all_round else SECTOR_RATIO * covariance
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
+
+
+@njit(cache=True)
+def _expected(errors):  # type: ignore[no-untyped-def]
+    """Inverse covariance (S, S) of any motion, and of camera errors with a covariance (S - 3, S - 3)."""
+    known, information = inverse(plus(errors, np.eye(len(errors)), 1e-12)), np.zeros((len(errors) + 3, len(errors) + 3))
+    add_to(information, _ANY, 1.0)
+    for a in range(len(errors)):
+        for b in range(len(errors)):
+            information[3 + a, 3 + b] = known[a, b]
+    return information
+
+
+@njit(cache=True)
+def _covariance(information, expected):  # type: ignore[no-untyped-def]
+    """(3, 3) of the pose by an image's information (S, S) and what was expected."""
+    spread, covariance = inverse(plus(information, expected, 1.0)), np.empty((3, 3))
+    for a in range(3):
+        for b in range(3):
+            covariance[a, b] = spread[a, b]
+    return covariance
 
 
 def _mixed(best: Sighting, fits: Sequence[Sighting]) -> Sighting:

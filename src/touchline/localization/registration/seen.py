@@ -27,21 +27,20 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     line_ratio, crude = 1.0, False
     if len(observation.points):
         points = observation.points
+        positions_m, covariances_m2 = map(np.ascontiguousarray, (points.positions_m, points.covariances_m2))
         shares: FloatArray = np.minimum(np.maximum(points.confidences, MIN_CONFIDENCE), 1.0)
         if not len(observation.lines):
-            cloud = (np.ascontiguousarray(rows) for rows in (points.positions_m, points.covariances_m2, shares))
-            positions_m, covariances_m2, shares, line_ratio, crude = count_points(*cloud)
-            unknown = np.full((len(positions_m), 2), np.nan)
-            points = LinePoints(positions_m, covariances_m2, shares, unknown)
-        count = float(shares.sum()) if crude else len(points)
+            positions_m, covariances_m2, shares, line_ratio, crude = count_points(positions_m, covariances_m2, shares)
+        count = float(shares.sum()) if crude else len(positions_m)
         shares = POINT_SHARE * shares
         noise *= POINT_SHARE * repeated(count)
     else:
         points, shares = points_on(observation.lines)
+        positions_m, covariances_m2 = points.positions_m, points.covariances_m2
     found = features.points_of(observation)
     return Seen(
-        np.ascontiguousarray(points.positions_m),
-        np.ascontiguousarray(points.covariances_m2),
+        positions_m,
+        covariances_m2,
         shares,
         noise,
         found._replace(positions_m=found.positions_m.copy()),
