@@ -391,7 +391,7 @@ def _allowed(pose: Pose, heading: float | None, s: LocateSettings) -> bool:
 
 def _different(poses: list[Pose], count: int = MAX_POINTS) -> list[int]:
     """Which poses, up to a count, don't come to the same as an earlier one."""
-    return distinct(np.array(poses).reshape(-1, 3), count, SAME_M, SAME_RAD)
+    return distinct(np.array(poses).reshape(-1, 3), count, SAME_M, SAME_RAD).tolist()
 
 
 def _is_among(pose: Pose, others: list[Pose]) -> bool:

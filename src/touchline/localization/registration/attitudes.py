@@ -7,6 +7,7 @@ begins at each of a grid of attitudes, or at those at which the lines that are s
 import math
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import Response, placed_points
@@ -69,24 +70,30 @@ def likely_attitudes(lines: LineFeatures, expected: StatePrior, response: Respon
     mean, deviations = expected.mean[3:], attitude_deviations(expected)
     if deviations.max() < KNOWN_RAD:
         return [mean]
-    found, scores = [], []
-    for offset in attitude_offsets(deviations):
-        errors = mean.copy()
-        errors[:2] += offset
-        scores.append(_squareness(lines, errors, response) - 0.5 * float(((offset / deviations) ** 2).sum()))
-        found.append(errors)
-    return [found[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
+    offsets = attitude_offsets(deviations)
+    errors = np.tile(mean, (len(offsets), 1))
+    errors[:, :2] += offsets
+    ends, sigmas = np.ascontiguousarray(lines.ends_m.reshape(-1, 2)), np.maximum(lines.own_sigmas[:, 1], MIN_SIGMA_RAD)
+    scores = _squareness(ends, sigmas, errors, response) - 0.5 * ((offsets / deviations) ** 2).sum(axis=1)
+    return list(errors[np.argsort(-scores, kind="stable")[:count]])
 
 
-def _squareness(lines: LineFeatures, errors: FloatArray, response: Response) -> float:
-    """Log-likelihood of the lines' directions if they are parallel or at right angles, at errors (K,) of the camera.
+@njit(cache=True)
+def _squareness(ends, sigmas, errors, response):  # type: ignore[no-untyped-def]
+    """Log-likelihoods (A,) of the directions of lines, ends (2 L, 2), if they are parallel or at right angles, at each
+    of errors (A, K) of the camera. sigmas (L,): of the directions.
 
     An arc or an edge of a shadow among them is none of the field's lines, whatever the attitude: it costs a constant.
     """
-    ends = placed_points(np.ascontiguousarray(lines.ends_m.reshape(-1, 2)), errors, response).reshape(-1, 2, 2)
-    along = ends[:, 1] - ends[:, 0]
-    turns = np.arctan2(along[:, 1], along[:, 0])
-    sigmas = np.maximum(lines.own_sigmas[:, 1], MIN_SIGMA_RAD)
-    off = np.sin(2.0 * (turns - turns[:, np.newaxis])) / (2.0 * np.hypot(sigmas, sigmas[:, np.newaxis]))
-    each = np.log(STRAY + (1.0 - STRAY) * np.exp(-0.5 * off**2))
-    return float(each.sum(axis=1).max(initial=-np.inf)) if len(each) else 0.0
+    scores, turns = np.zeros(len(errors)), np.empty(len(sigmas))
+    for a in range(len(errors)):
+        placed = placed_points(ends, errors[a], response)
+        for k in range(len(turns)):
+            turns[k] = math.atan2(placed[2 * k + 1, 1] - placed[2 * k, 1], placed[2 * k + 1, 0] - placed[2 * k, 0])
+        for i in range(len(turns)):
+            total = 0.0
+            for k in range(len(turns)):
+                off = math.sin(2.0 * (turns[k] - turns[i])) / (2.0 * math.hypot(sigmas[i], sigmas[k]))
+                total += math.log(STRAY + (1.0 - STRAY) * math.exp(-0.5 * off**2))
+            scores[a] = total if i == 0 else max(scores[a], total)
+    return scores

@@ -6,10 +6,10 @@ its kind gives a position, and so do two lines that are taken for two of the fie
 """
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray, IntArray
 from touchline.localization.particles.resampling import low_variance, tempering
@@ -44,13 +44,13 @@ class PoseProposals:
     def __init__(self, model: FeatureModel, reach_m: FloatArray) -> None:
         """reach_m (2,): how far from the centre a robot may stand."""
         self.model, self.reach_m = model, reach_m
-        self._members = [np.unique(table[table >= 0]) for table in model.tables.nearest]
+        self._members = [np.unique(table[table >= 0]).astype(np.int64) for table in model.tables.nearest]
         self._directions = np.unique(np.arctan2(model.lines[:, 1], model.lines[:, 0]).round(6) % math.pi)
 
     def of(self, view: FeatureView) -> FeaturePoses:
         """The poses that a view proposes; none if it gives no heading or no position."""
         headings = self._headings(view)
-        found = np.concatenate([np.zeros((0, 3)), *self._by_points(view, headings), *self._by_lines(view, headings)])
+        found = np.concatenate((self._by_points(view, headings), self._by_lines(view, headings)))
         found = found[(np.abs(found[:, :2]) <= self.reach_m).all(axis=1)]
         return FeaturePoses(found, self.model.log_likelihoods(view, found))
 
@@ -81,55 +81,79 @@ class PoseProposals:
     def _places(self, view: FeatureView, point: int) -> IntArray:
         """All places that a point may be taken for."""
         table, sets, first, end = view.points.sets[point].tolist()
-        of_table = [member for k in range(table, table + sets) for member in self._members[k]] if table >= 0 else []
-        return np.concatenate((np.array(of_table, np.int64), view.points.candidates[first:end]))
+        of_table = self._members[table : table + sets] if table >= 0 else []
+        return np.concatenate((*of_table, view.points.candidates[first:end]))
 
-    def _by_points(self, view: FeatureView, headings: FloatArray) -> Iterator[FloatArray]:
-        for point, position in enumerate(view.points.positions_m):
-            places = self.model.tables.places_m[self._places(view, point)]
-            for heading in headings:
-                c, s = math.cos(heading), math.sin(heading)
-                moved = (c * position[0] - s * position[1], s * position[0] + c * position[1])
-                yield np.column_stack((places - moved, np.full(len(places), heading)))
+    def _by_points(self, view: FeatureView, headings: FloatArray) -> FloatArray:
+        places = [self._places(view, point) for point in range(len(view.points.positions_m))]
+        if not places:
+            return np.zeros((0, 3))
+        counts = np.array([len(each) for each in places])
+        return _where_points_fit(
+            view.points.positions_m, counts, self.model.tables.places_m[np.concatenate(places)], headings
+        )
 
-    def _by_lines(self, view: FeatureView, headings: FloatArray) -> Iterator[FloatArray]:
+    def _by_lines(self, view: FeatureView, headings: FloatArray) -> FloatArray:
         """By the longest line and the longest one across it."""
         ends = view.lines.ends_m
         if len(ends) < 2:
-            return
+            return np.zeros((0, 3))
         along = ends[:, 1] - ends[:, 0]
         length = np.hypot(along[:, 0], along[:, 1])
         one = int(np.argmax(length))
         sine = (along[one, 0] * along[:, 1] - along[one, 1] * along[:, 0]) / (length[one] * length)
         other = int(np.argmax(np.where(np.abs(sine) > CROSSING, length, -1.0)))
         if abs(sine[other]) <= CROSSING:
-            return
+            return np.zeros((0, 3))
+        return _where_lines_fit(ends[one], ends[other], self.model.lines, headings)
+
+
+@njit(cache=True)
+def _where_points_fit(points: FloatArray, counts: IntArray, places: FloatArray, headings: FloatArray) -> FloatArray:
+    """Poses (K, 3) of headings (H,) at which one of points (N, 2) lies at one of its places (sum of counts (N,), 2)."""
+    poses, k, first = np.empty((len(places) * len(headings), 3)), 0, 0
+    for i in range(len(points)):
         for heading in headings:
             c, s = math.cos(heading), math.sin(heading)
-            seen = ends[[one, other]] @ np.array([[c, s], [-s, c]])
-            yield self._where_both_fit(seen, heading)
+            x, y = c * points[i, 0] - s * points[i, 1], s * points[i, 0] + c * points[i, 1]
+            for place in places[first : first + counts[i]]:
+                poses[k, 0], poses[k, 1], poses[k, 2] = place[0] - x, place[1] - y, heading
+                k += 1
+        first += counts[i]
+    return poses
 
-    def _where_both_fit(self, seen: FloatArray, heading: float) -> FloatArray:
-        """Poses of a heading at which two lines (2, 2, 2), turned by it, lie on two of the field's."""
-        lines = self.model.lines
-        first, second = (self._parallel(line) for line in seen)
-        one, other = (grid.ravel() for grid in np.meshgrid(first, second))
-        # the normal of each of the field's lines times the position is what is missing to its distance from the centre
-        normals = np.stack((-lines[:, 1], lines[:, 0]), axis=1)
-        missing_one = lines[one, 2] - normals[one] @ seen[0].mean(axis=0)
-        missing_other = lines[other, 2] - normals[other] @ seen[1].mean(axis=0)
-        matrices = np.stack((normals[one], normals[other]), axis=1)
-        crossing = np.abs(np.linalg.det(matrices)) > CROSSING
-        right = np.stack((missing_one, missing_other), axis=1)[crossing]
-        places = np.linalg.solve(matrices[crossing], right[..., np.newaxis])[..., 0]
-        return np.column_stack((places, np.full(len(places), heading)))
 
-    def _parallel(self, line: FloatArray) -> IntArray:
-        """Which of the field's lines a line (2, 2) may be part of."""
-        lines, along = self.model.lines, line[1] - line[0]
-        length = math.hypot(*along)
-        sine = (lines[:, 0] * along[1] - lines[:, 1] * along[0]) / length
-        return np.flatnonzero((np.abs(sine) < PARALLEL) & (lines[:, 4] > length - BEYOND_M))
+@njit(cache=True)
+def _where_lines_fit(one: FloatArray, other: FloatArray, lines: FloatArray, headings: FloatArray) -> FloatArray:
+    """Poses (K, 3) of headings (H,) at which two lines (2, 2) lie on two of the field's (S, 5).
+
+    The normal of each of these times the position is what is missing to its distance from the centre.
+    """
+    poses, count = np.empty((len(headings) * len(lines) ** 2, 3)), 0
+    for heading in headings:
+        for k in range(len(lines)):
+            missing_k = _missing(other, lines[k], heading)
+            for i in range(len(lines) if math.isfinite(missing_k) else 0):
+                det = lines[i, 0] * lines[k, 1] - lines[i, 1] * lines[k, 0]
+                missing_i = _missing(one, lines[i], heading)
+                if abs(det) > CROSSING and math.isfinite(missing_i):
+                    poses[count, 0] = (missing_i * lines[k, 0] - missing_k * lines[i, 0]) / det
+                    poses[count, 1] = (missing_i * lines[k, 1] - missing_k * lines[i, 1]) / det
+                    poses[count, 2] = heading
+                    count += 1
+    return poses[:count]
+
+
+@njit(cache=True)
+def _missing(seen: FloatArray, line: FloatArray, heading: float) -> float:
+    """By how much a line (2, 2) seen from the centre lies off one of the field's (5,); NaN if it is no part of it."""
+    c, s = math.cos(heading), math.sin(heading)
+    dx, dy = seen[1, 0] - seen[0, 0], seen[1, 1] - seen[0, 1]
+    along_x, along_y, length = c * dx - s * dy, s * dx + c * dy, math.hypot(dx, dy)
+    if abs(line[0] * along_y - line[1] * along_x) >= PARALLEL * length or line[4] <= length - BEYOND_M:
+        return math.nan
+    x, y = 0.5 * (seen[0, 0] + seen[1, 0]), 0.5 * (seen[0, 1] + seen[1, 1])
+    return line[2] - line[0] * (s * x + c * y) + line[1] * (c * x - s * y)
 
 
 def _longest(lines: LineFeatures) -> FloatArray:

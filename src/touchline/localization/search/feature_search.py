@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
-from touchline.geometry import FloatArray, as_pose, wrap_angles
+from touchline.geometry import FloatArray, IntArray, as_pose
 from touchline.localization.camera_errors.base import Response
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
 from touchline.localization.registration.feature_model import FeatureView
@@ -76,14 +77,20 @@ class FeatureSearch:
         return replace(mode, log_likelihood=fit.log_likelihood - against[0])
 
 
-def distinct(poses: FloatArray, count: int, apart_m: float, apart_rad: float) -> list[int]:
+@njit(cache=True)
+def distinct(poses: FloatArray, count: int, apart_m: float, apart_rad: float) -> IntArray:
     """Indices of poses (N, 3), up to a count, that are none of those before them."""
-    free = np.ones(len(poses), dtype=np.bool_)
-    kept: list[int] = []
-    while len(kept) < count and free.any():
-        k = int(np.argmax(free))
-        kept.append(k)
-        off = poses - poses[k]
-        free &= (np.hypot(off[:, 0], off[:, 1]) > apart_m) | (np.abs(wrap_angles(off[:, 2])) > apart_rad)
-        free[k] = False
-    return kept
+    kept, number = np.empty(min(count, len(poses)), dtype=np.int64), 0
+    for i in range(len(poses)):
+        if number == len(kept):
+            break
+        new = True
+        for k in kept[:number]:
+            off = poses[i, 2] - poses[k, 2]
+            off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+            far = math.hypot(poses[i, 0] - poses[k, 0], poses[i, 1] - poses[k, 1]) > apart_m
+            new = new and (far or abs(off) > apart_rad)
+        if new:
+            kept[number] = i
+            number += 1
+    return kept[:number]
