@@ -31,6 +31,7 @@ _STRONG, _STRONG_SHARE = 0.15, 0.25  # and much whiter at some of the samples
 _INSIDE = 0.2  # of the width to each side of the middle: white, too; the threads of a net are thinner
 _BEHIND = 3  # samples before what is no carpet: a line that runs away from the robot ends with the carpet
 _APART_M = 0.4  # places closer than this are of one post
+_MAX_RIDGES = 64
 
 
 class Ridge(NamedTuple):
@@ -43,59 +44,71 @@ class Ridge(NamedTuple):
 
 def find_white_posts(pixels: Pixels, lines: Lines, plane: ImagePlane, post: Post, max_range_m: float) -> list[Ridge]:
     """Posts like this one on the lines, the surest first."""
-    found: list[Ridge] = []
-    for ends in lines.ends_m:
-        length = float(np.hypot(*(ends[1] - ends[0])))
-        if length <= 0.0:
-            continue
-        along = (ends[1] - ends[0]) / length
-        steps = np.arange(-_BEYOND_M, length + _BEYOND_M, _STEP * post.diameter)
-        places = ends[0] + steps[:, np.newaxis] * along
-        places = places[np.hypot(*places.T) <= max_range_m]
-        found += _peaks(places, _ridges(pixels, plane, places, post.diameter, post.height))
+    found = np.empty((_MAX_RIDGES, 5))
+    found = found[: _find(pixels, plane, lines.ends_m, (post.height, post.diameter), max_range_m, found)]
     kept: list[Ridge] = []
-    for ridge in sorted(found, key=lambda ridge: -ridge.share):
+    for row in found[np.argsort(-found[:, 0], kind="stable")]:
+        ridge = Ridge(row[1:3], float(row[0]), row[3:5])
         if all(np.hypot(*(ridge.place - other.place)) > _APART_M for other in kept):
             kept.append(ridge)
     return kept
 
 
-def _peaks(places: FloatArray, rows: FloatArray) -> list[Ridge]:
-    """The middle of each run of places (N, 2) with enough of a ridge; rows: (N, 4) share, contrast, u, v."""
-    good = np.concatenate(([False], rows[:, 0] >= _ENOUGH, [False]))
-    edges = np.flatnonzero(np.diff(good.astype(np.int8)))
-    found = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        run = slice(int(first), int(last))
-        weights = rows[run, 1] / rows[run, 1].sum()
-        found.append(Ridge(weights @ places[run], float(rows[run, 0].max()), weights @ rows[run, 2:]))
-    return found
+@njit(cache=True, error_model="numpy")
+def _find(
+    pixels: Pixels, plane: ImagePlane, lines: FloatArray, size: tuple[float, float], max_range_m: float,
+    found: FloatArray,
+) -> int:  # fmt: skip
+    """The middle of each run of places along lines (L, 2, 2) with enough of a ridge, into found (N, 5): share, x, y, u,
+    v; returns how many. size: height and diameter of a post (m).
+    """
+    count, step, row = 0, _STEP * size[1], np.empty(4)
+    for ends in lines:
+        dx, dy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
+        length, weight = math.hypot(dx, dy), 0.0
+        for k in range(math.ceil((length + 2.0 * _BEYOND_M) / step) + 1 if length > 0.0 else 0):
+            along = k * step - _BEYOND_M
+            x, y = ends[0, 0] + along * dx / length, ends[0, 1] + along * dy / length
+            good = along < length + _BEYOND_M and math.hypot(x, y) <= max_range_m
+            if good and _ridge_at(pixels, plane, (x, y), size, row) and count < len(found):
+                if weight == 0.0:
+                    found[count] = 0.0
+                found[count, 0], weight = max(found[count, 0], row[0]), weight + row[1]
+                found[count, 1], found[count, 2] = found[count, 1] + row[1] * x, found[count, 2] + row[1] * y
+                found[count, 3], found[count, 4] = found[count, 3] + row[1] * row[2], found[count, 4] + row[1] * row[3]
+            elif weight > 0.0:
+                for column in range(1, 5):
+                    found[count, column] /= weight
+                count, weight = count + 1, 0.0
+    return count
 
 
 @njit(cache=True, error_model="numpy")
-def _ridges(pixels: Pixels, plane: ImagePlane, places: FloatArray, diameter: float, height: float) -> FloatArray:
-    """(N, 4) share of the visible samples above each place (N, 2) that are a ridge, their contrast, the foot's u, v."""
-    rows = np.zeros((len(places), 4))
+def _ridge_at(
+    pixels: Pixels, plane: ImagePlane, place: tuple[float, float], size: tuple[float, float], row: FloatArray
+) -> bool:
+    """Whether enough of the visible samples above a place are a ridge; their share, contrast and the foot's u, v into
+    row (4,).
+    """
     above, foot = plane.height, plane.foot
-    for i in range(len(places)):
-        u, v = _pixel_above(plane, above, places[i], 0.0)
-        if not (0.0 <= u < plane.size[0] and 0.0 <= v < plane.size[1]):
-            continue
-        nu, nv = _pixel_above(plane, above, places[i], _GLANCE * height)
-        if not _whiteness(pixels, nu, nv) > _WHITE or math.isnan(_pixel_above(plane, above, places[i], height)[0]):
-            continue
-        distance = math.sqrt((places[i, 0] - foot[0]) ** 2 + (places[i, 1] - foot[1]) ** 2 + above**2)
-        width = plane.lens.pinhole[0] * diameter / distance
-        if width < _MIN_WIDTH_PX:
-            continue
-        rows[i, 2], rows[i, 3] = u, v
-        rows[i, 0], rows[i, 1] = _rising(pixels, plane, above, places[i], (height, width))
-    return rows
+    u, v = _pixel_above(plane, above, place, 0.0)
+    if not (0.0 <= u < plane.size[0] and 0.0 <= v < plane.size[1]):
+        return False
+    nu, nv = _pixel_above(plane, above, place, _GLANCE * size[0])
+    if not _whiteness(pixels, nu, nv) > _WHITE or math.isnan(_pixel_above(plane, above, place, size[0])[0]):
+        return False
+    distance = math.sqrt((place[0] - foot[0]) ** 2 + (place[1] - foot[1]) ** 2 + above**2)
+    width = plane.lens.pinhole[0] * size[1] / distance
+    if width < _MIN_WIDTH_PX:
+        return False
+    row[0], row[1] = _rising(pixels, plane, above, place, (size[0], width))
+    row[2], row[3] = u, v
+    return row[0] >= _ENOUGH
 
 
 @njit(cache=True, error_model="numpy")
 def _rising(
-    pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, size: tuple[float, float]
+    pixels: Pixels, plane: ImagePlane, above: float, place: tuple[float, float], size: tuple[float, float]
 ) -> tuple[float, float]:
     """Share of the visible samples above a place that are a ridge, and their contrast; size: height (m), width (px).
 
@@ -132,7 +145,7 @@ def _rising(
 
 
 @njit(cache=True, error_model="numpy")
-def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, at: Numbers) -> tuple[float, bool]:
+def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: Numbers, at: Numbers) -> tuple[float, bool]:
     """How much whiter it is here than on both sides, and whether one of these is no carpet; at: z, width, u, v.
 
     0 where it is not white all across, NaN outside the image.
@@ -141,21 +154,24 @@ def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, a
     au, av = _pixel_above(plane, above, place, z + 0.1)
     length = math.hypot(au - u, av - v)
     nu, nv = (v - av) / length, (au - u) / length
-    middle = least = _whiteness(pixels, u, v)
-    for part in (-_INSIDE, _INSIDE):
-        value = _whiteness(pixels, u + part * width * nu, v + part * width * nv)
-        least, middle = min(least, value), middle + value
     aside = 0.5 * width + max(3.0, 0.25 * width)
     left, right = (u + aside * nu, v + aside * nv), (u - aside * nu, v - aside * nv)
     one, other = _whiteness(pixels, left[0], left[1]), _whiteness(pixels, right[0], right[1])
+    middle = least = _whiteness(pixels, u, v)
     if math.isnan(middle + one + other):  # max() would hide a NaN
         return np.nan, False
+    for part in (-_INSIDE, _INSIDE):
+        value = _whiteness(pixels, u + part * width * nu, v + part * width * nv)
+        least, middle = min(least, value), middle + value
+    rises = middle / 3.0 - max(one, other)
+    if not (least > _WHITE and rises > _CONTRAST):
+        return min(rises, _CONTRAST), False
     bare = not (is_carpet(pixels, left[0], left[1]) and is_carpet(pixels, right[0], right[1]))
-    return (middle / 3.0 - max(one, other) if least > _WHITE else 0.0), bare
+    return rises, bare
 
 
 @njit(cache=True, error_model="numpy")
-def _pixel_above(plane: ImagePlane, above: float, place: FloatArray, z: float) -> tuple[float, float]:
+def _pixel_above(plane: ImagePlane, above: float, place: Numbers, z: float) -> tuple[float, float]:
     """Pixel of what is at a height z (m) above a place (2,), seen from a height above; NaN behind the camera."""
     h, foot = plane.plane, plane.foot
     w = above - z
