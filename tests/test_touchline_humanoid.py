@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,7 +17,7 @@ from touchline.experiments.injections import FALL_S, fallen
 from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, IntArray, Pose, wrap_angle
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.localization.estimator import field_end
@@ -162,9 +161,8 @@ def test_the_sway_tells_how_late_images_are_stamped(late_s: float) -> None:
         return np.array([0.05 * math.sin(9.4 * time_s), 0.03 * math.cos(9.4 * time_s + 1.0)])
 
     class Swaying(LeanFilter):
-        def turned_all(self, stamps_ns: Sequence[int]) -> list[tuple[float, float]]:
-            leans = (lean_rad(1e-9 * stamp_ns).tolist() for stamp_ns in stamps_ns)
-            return [(roll, pitch) for roll, pitch in leans]
+        def turned_all(self, stamps_ns: IntArray) -> FloatArray:
+            return np.array([lean_rad(1e-9 * stamp_ns) for stamp_ns in stamps_ns.tolist()])
 
     for time_s in (0.125 * np.arange(120.0) + 0.01 * rng.random(120)).tolist():
         more = lean_rad(time_s - late_s) - lean_rad(time_s) + 0.005 * rng.standard_normal(2)
@@ -175,8 +173,8 @@ def test_the_sway_tells_how_late_images_are_stamped(late_s: float) -> None:
 
 def test_a_robot_that_does_not_sway_tells_nothing_of_the_stamps() -> None:
     class Standing(LeanFilter):
-        def turned_all(self, stamps_ns: Sequence[int]) -> list[tuple[float, float]]:
-            return [(0.0, 0.0) for _ in stamps_ns]
+        def turned_all(self, stamps_ns: IntArray) -> FloatArray:
+            return np.zeros((len(stamps_ns), 2))
 
     found = SwayDelay()
     for k in range(100):

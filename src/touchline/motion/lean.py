@@ -4,13 +4,14 @@ A walking robot sways by 30° per second: 20 ms cost 0.6°, which is 20 cm at 4 
 angles on to the image, and what the angles say beyond that is averaged (a complementary filter).
 """
 
-from collections import deque
-from collections.abc import Sequence
+import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from touchline.geometry import Pose3
+from touchline.geometry import FloatArray, IntArray, Pose3
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import MAX_VALUE, Frame, Samples
 
@@ -30,26 +31,29 @@ class LeanFilter:
 
     def clear(self) -> None:
         """Forget all samples."""
-        self._integral: deque[tuple[int, float, float, float, float]] = deque(maxlen=_KEPT)  # stamp, angles, rates
-        self._offset: tuple[float, float] | None = None  # of the angles beyond the integral
-        self._angle_ns = self._newest_ns = 0
+        self._integral = _Integral(np.zeros(2 * _KEPT, np.int64), np.zeros((2 * _KEPT, 4)), np.zeros(1, np.int64))
+        self._offset = np.full(3, np.nan)  # of the angles beyond the integral, and for how long it was averaged (s)
+        self._angle_ns = 0
 
     def add(self, frame: Frame) -> None:
         """Take the rates and angles of a frame, those that run forward in time and not far beyond the frame: a sample
         that another clock has stamped would leave out all after it.
         """
         end_ns = frame.stamp_ns + round(MAX_AGE_S * NANOSECONDS)
-        for stamp_ns, rates in _rows(frame.gyro if self.rates else None, end_ns):
-            self._integrate(stamp_ns, rates[0], rates[1])
-        for stamp_ns, angles in _rows(frame.tilt, end_ns):
-            self._correct(stamp_ns, angles[0], angles[1])
+        if frame.gyro is not None and self.rates:
+            rates = np.ascontiguousarray(frame.gyro.values)
+            _integrate(self._integral, np.ascontiguousarray(frame.gyro.stamp_ns), rates, end_ns)
+        if frame.tilt is not None:
+            stamps_ns, angles = np.ascontiguousarray(frame.tilt.stamp_ns), np.ascontiguousarray(frame.tilt.values)
+            self._angle_ns = _correct(self._integral, stamps_ns, angles, end_ns, self._offset, self._angle_ns)
 
     def lean(self, stamp_ns: int) -> tuple[float, float] | None:
         """Roll and pitch (rad) at a stamp; None without angles in the quarter of a second before."""
-        if self._offset is None or abs(stamp_ns - self._angle_ns) > MAX_AGE_S * NANOSECONDS:
+        roll, pitch, _ = self._offset.tolist()
+        if math.isnan(roll) or abs(stamp_ns - self._angle_ns) > MAX_AGE_S * NANOSECONDS:
             return None
-        roll, pitch = self.turned(stamp_ns)
-        return self._offset[0] + roll, self._offset[1] + pitch
+        turned = self.turned(stamp_ns)
+        return roll + turned[0], pitch + turned[1]
 
     def at_image(self, frame: Frame, late_ns: int = 0) -> Frame:
         """Add a frame's samples; the frame, with the lean late_ns before its stamp in the place of the angles, and with
@@ -64,54 +68,94 @@ class LeanFilter:
             camera = Pose3.from_roll_pitch_yaw(now[0] - then[0], now[1] - then[1]).compose(camera)
         return replace(frame, tilt=tilt, base_from_camera=camera)
 
-    def _integrate(self, stamp_ns: int, roll_rad_s: float, pitch_rad_s: float) -> None:
-        roll = pitch = 0.0
-        if self._integral:
-            last_ns, roll, pitch, last_roll, last_pitch = self._integral[-1]
-            half_s = 0.5 * min((stamp_ns - last_ns) / NANOSECONDS, MAX_AGE_S)
-            if half_s <= 0.0:
-                return
-            roll, pitch = roll + half_s * (last_roll + roll_rad_s), pitch + half_s * (last_pitch + pitch_rad_s)
-        self._integral.append((stamp_ns, roll, pitch, roll_rad_s, pitch_rad_s))
-
     def turned(self, stamp_ns: int) -> tuple[float, float]:
         """The integral of the rates at a stamp, extrapolated at both ends by the nearest rate; 0 without rates."""
-        return self.turned_all((stamp_ns,))[0]
+        roll, pitch = self.turned_all(np.array([stamp_ns]))[0].tolist()
+        return roll, pitch
 
-    def turned_all(self, stamps_ns: Sequence[int]) -> list[tuple[float, float]]:
-        """`turned` at stamps, the newest first."""
-        newest_first = reversed(self._integral)
-        row, found = next(newest_first, (0, 0.0, 0.0, 0.0, 0.0)), []
-        for stamp_ns in stamps_ns:
-            while row[0] > stamp_ns and (before := next(newest_first, None)) is not None:
-                row = before
-            ahead_s = min(max((stamp_ns - row[0]) / NANOSECONDS, -MAX_AGE_S), MAX_AGE_S)
-            found.append((row[1] + ahead_s * row[3], row[2] + ahead_s * row[4]))
-        return found
+    def turned_all(self, stamps_ns: IntArray) -> FloatArray:
+        """`turned` (N, 2) at stamps (N,)."""
+        turned = np.empty((len(stamps_ns), 2))
+        _turned_all(self._integral, stamps_ns, turned)
+        return turned
 
-    def _correct(self, stamp_ns: int, roll_rad: float, pitch_rad: float) -> None:
-        if self._offset is not None and stamp_ns <= self._angle_ns:
-            return
-        turned = self.turned(stamp_ns - round(LAG_S * NANOSECONDS))
-        roll, pitch = roll_rad - turned[0], pitch_rad - turned[1]
-        gap_s = (stamp_ns - self._angle_ns) / NANOSECONDS
-        if self._offset is None or gap_s > MAX_AGE_S or not self._integral:
-            self._offset, self._age_s = (roll, pitch), 0.0
+
+class _Integral(NamedTuple):
+    """Of the rates: stamps_ns (2 KEPT,); turns (2 KEPT, 4): roll, pitch and their rates; the first size (1,) of each count."""
+
+    stamps_ns: IntArray
+    turns: FloatArray
+    size: IntArray
+
+
+@njit(cache=True)
+def _is_measured(stamp_ns: int, row: FloatArray, end_ns: int) -> bool:
+    return stamp_ns <= end_ns and abs(row[0]) < MAX_VALUE and abs(row[1]) < MAX_VALUE
+
+
+@njit(cache=True)
+def _integrate(integral: _Integral, stamps_ns: IntArray, rates: FloatArray, end_ns: int) -> None:
+    """Go on by rates (N, 2 or more)."""
+    stamps, turns = integral.stamps_ns, integral.turns
+    for i in range(len(stamps_ns)):
+        if not _is_measured(stamps_ns[i], rates[i], end_ns):
+            continue
+        roll = pitch = 0.0
+        if integral.size[0] == len(stamps):  # the newest half is kept
+            for k in range(_KEPT):
+                stamps[k] = stamps[_KEPT + k]
+                for column in range(4):
+                    turns[k, column] = turns[_KEPT + k, column]
+            integral.size[0] = _KEPT
+        at = integral.size[0]
+        if at:
+            half_s = 0.5 * min((stamps_ns[i] - stamps[at - 1]) / NANOSECONDS, MAX_AGE_S)
+            if half_s <= 0.0:
+                continue
+            roll = turns[at - 1, 0] + half_s * (turns[at - 1, 2] + rates[i, 0])
+            pitch = turns[at - 1, 1] + half_s * (turns[at - 1, 3] + rates[i, 1])
+        stamps[at] = stamps_ns[i]
+        turns[at, 0], turns[at, 1], turns[at, 2], turns[at, 3] = roll, pitch, rates[i, 0], rates[i, 1]
+        integral.size[0] += 1
+
+
+@njit(cache=True)
+def _turned(integral: _Integral, stamp_ns: int) -> tuple[float, float]:
+    k = integral.size[0] - 1
+    if k < 0:
+        return 0.0, 0.0
+    oldest = max(k + 1 - _KEPT, 0)
+    while k > oldest and integral.stamps_ns[k] > stamp_ns:
+        k -= 1
+    ahead_s = min(max((stamp_ns - integral.stamps_ns[k]) / NANOSECONDS, -MAX_AGE_S), MAX_AGE_S)
+    row = integral.turns[k]
+    return row[0] + ahead_s * row[2], row[1] + ahead_s * row[3]
+
+
+@njit(cache=True)
+def _turned_all(integral: _Integral, stamps_ns: IntArray, turned: FloatArray) -> None:
+    for i in range(len(stamps_ns)):
+        turned[i, 0], turned[i, 1] = _turned(integral, stamps_ns[i])
+
+
+@njit(cache=True)
+def _correct(
+    integral: _Integral, stamps_ns: IntArray, angles: FloatArray, end_ns: int, offset: FloatArray, angle_ns: int
+) -> int:
+    """Take angles (N, 2 or more), into the offset (3,); returns the stamp of the newest."""
+    for i in range(len(stamps_ns)):
+        known = not math.isnan(offset[0])
+        if not _is_measured(stamps_ns[i], angles[i], end_ns) or (known and stamps_ns[i] <= angle_ns):
+            continue
+        turned = _turned(integral, stamps_ns[i] - np.int64(LAG_S * NANOSECONDS))
+        roll, pitch = angles[i, 0] - turned[0], angles[i, 1] - turned[1]
+        gap_s = (stamps_ns[i] - angle_ns) / NANOSECONDS
+        if not known or gap_s > MAX_AGE_S or not integral.size[0]:
+            offset[0], offset[1], offset[2] = roll, pitch, 0.0
         else:
-            self._age_s += gap_s
-            gain = min(1.0, gap_s / min(self._age_s + gap_s, MEMORY_S))
-            before = self._offset
-            self._offset = before[0] + gain * (roll - before[0]), before[1] + gain * (pitch - before[1])
-        self._angle_ns = stamp_ns
-
-
-def _rows(samples: Samples | None, end_ns: int) -> list[tuple[int, list[float]]]:
-    """Stamps and values up to a stamp, those that are measurements."""
-    if samples is None:
-        return []
-    each = zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True)
-    return [
-        (stamp_ns, row)
-        for stamp_ns, row in each
-        if stamp_ns <= end_ns and all(abs(value) < MAX_VALUE for value in row[:2])
-    ]
+            offset[2] += gap_s
+            gain = min(1.0, gap_s / min(offset[2] + gap_s, MEMORY_S))
+            offset[0] += gain * (roll - offset[0])
+            offset[1] += gain * (pitch - offset[1])
+        angle_ns = stamps_ns[i]
+    return angle_ns

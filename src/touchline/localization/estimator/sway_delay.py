@@ -36,8 +36,9 @@ class SwayDelay:
         lean_rad (2,): lean of the camera by the lines, without its mounting error, less that by the IMU lag_s before
         the stamp. leaning: the lean by the IMU.
         """
-        turned = leaning.turned_all([stamp_ns - round(1e9 * each) for each in LAGS_S.tolist()])
-        self._add(lean_rad, np.array(turned) - np.array(leaning.turned(stamp_ns - round(1e9 * lag_s))))
+        lags_ns = np.rint(1e9 * np.append(LAGS_S, lag_s)).astype(np.int64)
+        turned = leaning.turned_all(stamp_ns - lags_ns)
+        self._add(lean_rad, turned[:-1] - turned[-1])
         return self.delay_s, self.deviation_s
 
     def _add(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:

@@ -2,6 +2,8 @@
 green fades they are learned again.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -19,6 +21,7 @@ from touchline.perception.line_graph.colour_classes import (
     learn_classes,
     tinted_classes,
 )
+from touchline.perception.line_graph.sorting import median_of
 from touchline.perception.self_learning import GreenWatch
 from touchline.types import ImageArray
 
@@ -71,13 +74,9 @@ class ColourMemory:
         """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on."""
         if self._learned is None or self._ground is None or not self._learned.local:
             return
-        green = self._learned.model.green / self._learned.model.green.sum()
-        carpet = _carpet_shares(image, self._ground, 1.0 / 3.0 + _GREENISH * (float(green[1]) - 1.0 / 3.0))
-        if carpet.shape[1] < _MIN_CELLS:
+        tint = np.empty(3)
+        if _tint_of(image, self._ground, self._learned.model.green, tint) < _MIN_CELLS:
             return
-        middles = [(carpet.shape[1] - 1) // 2, carpet.shape[1] // 2]
-        median = np.partition(carpet, middles, axis=1)[:, middles].mean(axis=1)
-        tint = np.exp(np.clip(np.log(np.maximum(median, 1e-3) / green), -_MAX_TINT, _MAX_TINT))
         if np.abs(np.log(tint / self._tint)).max() > _MIN_TINT:
             self._tint, self.classes = tint, tinted_classes(self._learned, tint)
 
@@ -96,16 +95,23 @@ class ColourMemory:
 
 
 @njit(cache=True)
-def _carpet_shares(image: ImageArray, pixels: IntArray, least: float) -> FloatArray:
-    """(3, M) shares of B, G, R in their sum at those of pixels (N, 2: v, u) where that of G is more than the least."""
+def _tint_of(image: ImageArray, pixels: IntArray, green: FloatArray, tint: FloatArray) -> int:
+    """What multiplies B, G, R of the learned carpet (3,) at those of pixels (N, 2: v, u) that may be it, into tint
+    (3,); how many these are.
+    """
+    usual = green / green.sum()
     shares, count = np.empty((3, len(pixels))), 0
-    for v, u in pixels:
+    for i in range(len(pixels)):
+        v, u = pixels[i, 0], pixels[i, 1]
         b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
         total = max(b + g + r, 1.0)
-        if g / total > least:
+        if g / total - 1.0 / 3.0 > _GREENISH * (usual[1] - 1.0 / 3.0):
             shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
             count += 1
-    return shares[:, :count]
+    for k in range(3 if count else 0):
+        change = math.log(max(median_of(shares[k, :count]), 1e-3) / usual[k])
+        tint[k] = math.exp(min(max(change, -_MAX_TINT), _MAX_TINT))
+    return count
 
 
 @njit(cache=True)

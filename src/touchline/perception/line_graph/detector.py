@@ -23,11 +23,10 @@ from touchline.perception.line_graph.circle import Circle, circle_landmark, find
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
 from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.crossings import find_crossings
-from touchline.perception.line_graph.field_boundary import boundary_pixels
+from touchline.perception.line_graph.field_boundary import boundary_points
 from touchline.perception.line_graph.field_lines import cell_pixels, find_lines, lines_on_ground
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
-    ground_covariances,
     grounds_from_pixels,
     image_plane,
     make_lens,
@@ -161,13 +160,7 @@ class LineGraphDetector:
         return find_circle(structure.graph, ground, ends_m, self._radius_m, self.settings.crossing_m)
 
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
-        pixels = boundary_pixels(structure.ends, structure.smooth.shape[0])
-        pixels = pixels[(structure.ends > 0.0) & (pixels[:, 1] > 0.0)]
-        ground: FloatArray = grounds_from_pixels(plane, pixels)
-        if np.isnan(np.add.reduce(ground, axis=None)):
-            inside = np.isfinite(ground[:, 0])
-            pixels, ground = pixels[inside], ground[inside]
-        covariances = ground_covariances(plane, pixels, 0.5 * CELL_PX, 0.05)
+        pixels, ground, covariances = boundary_points(plane, structure.ends, structure.smooth.shape[0])
         return LinePoints(ground, covariances, np.full(len(ground), 0.5), pixels)
 
 

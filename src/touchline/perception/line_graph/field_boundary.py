@@ -3,6 +3,7 @@
 Rows of cells count from the top of the image, as in all images; the paper's j counts from the bottom.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,13 @@ from touchline.perception.line_graph.colour_classes import (
     WHITE,
     CountArray,
 )
-from touchline.perception.line_graph.image_plane import Lens, plane_from_pixel
+from touchline.perception.line_graph.image_plane import (
+    ImagePlane,
+    Lens,
+    ground_covariances,
+    ground_from_pixel,
+    plane_from_pixel,
+)
 from touchline.perception.line_graph.sorting import median_of
 
 _GAP = 4  # cells in a row that are no field: the boundary is reached
@@ -223,3 +230,16 @@ def boundary_pixels(ends: FloatArray, rows: int) -> FloatArray:
     """(columns, 2) u, v of the boundary in the middle of each column of cells; rows: of cells."""
     u = CELL_PX * np.arange(len(ends)) + 0.5 * (CELL_PX - 1)
     return np.column_stack((u, CELL_PX * (rows - ends) - 0.5))
+
+
+@njit(cache=True, error_model="numpy")
+def boundary_points(plane: ImagePlane, ends: FloatArray, rows: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Pixels (N, 2) of the boundary that see ground, its points (N, 2) and their covariances (N, 2, 2)."""
+    pixels, ground, count = np.empty((len(ends), 2)), np.empty((len(ends), 2)), 0
+    for i in range(len(ends)):
+        u, v = CELL_PX * i + 0.5 * (CELL_PX - 1), CELL_PX * (rows - ends[i]) - 0.5
+        x, y = ground_from_pixel(plane, u, v)
+        if ends[i] > 0.0 and v > 0.0 and math.isfinite(x + y):
+            pixels[count, 0], pixels[count, 1], ground[count, 0], ground[count, 1] = u, v, x, y
+            count += 1
+    return pixels[:count], ground[:count], ground_covariances(plane, pixels[:count], 0.5 * CELL_PX, 0.05)

@@ -60,17 +60,18 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
     """The geometry of an image of a perspective camera."""
     pose = view.pose
     rotation, at = pose.rotation, pose.translation_m
-    rays = rotation[:, [1, 2, 0]] * (-1.0, -1.0, 1.0)  # of (x, y, 1), base frame
-    ground = at[2] * rays
-    ground[:2] -= np.outer(at[:2], rays[2])
-    ground[2] = -rays[2]
+    (x, y, z), rays = at.tolist(), [(-left, -up, ahead) for ahead, left, up in rotation.tolist()]  # of (x, y, 1)
+    rows = [
+        [z * own - place * down for own, down in zip(ray, rays[2], strict=True)] for place, ray in zip((x, y), rays)
+    ]
+    ground = np.array([*rows, [-down for down in rays[2]]])
     fx, fy, cx, cy = lens.pinhole
     if view.correction is not None:
         pixels = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         ground = ground @ np.linalg.solve(pixels, view.correction.homography(view.roll_rad, view.pitch_rad) @ pixels)
-    size, foot = (float(view.camera.width), float(view.camera.height)), _numbers(at[:2])
-    height = math.sqrt(((ground[0] - foot[0] * ground[2]) ** 2).sum())
-    return ImagePlane(lens, _numbers(ground), _numbers(np.linalg.inv(ground)), size, foot, height)
+    size, h = (float(view.camera.width), float(view.camera.height)), _numbers(ground)
+    height = math.sqrt(sum((h[k] - x * h[6 + k]) ** 2 for k in range(3)))
+    return ImagePlane(lens, h, _numbers(np.linalg.inv(ground)), size, (x, y), height)
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,11 +20,17 @@ _SHARP_COS = math.cos(math.radians(155.0))  # of the angle between the two ways 
 def key_nodes(graph: Graph) -> tuple[Graph, FloatArray]:
     """The cleaned graph, and the candidates for crossings (C, 4): column, row (cells), degree, number of the node."""
     cleaned = Graph(graph.places.copy(), graph.links.copy(), graph.degrees.copy())
-    remove_spurs(cleaned)
-    merge_junctions(cleaned)
-    remove_spurs(cleaned)
     found = np.empty((max(len(graph.degrees), 1), 4))
-    return cleaned, found[: _corners(cleaned, found)]
+    return cleaned, found[: _clean(cleaned, found)]
+
+
+@njit(cache=True)
+def _clean(graph: Graph, found: FloatArray) -> int:
+    """Clean the graph; its candidates into found (C, 4); returns how many."""
+    remove_spurs(graph)
+    merge_junctions(graph)
+    remove_spurs(graph)
+    return _corners(graph, found)
 
 
 @njit(cache=True)
