@@ -81,7 +81,7 @@ class LeanFilter:
 
 
 class _Integral(NamedTuple):
-    """Of the rates: stamps_ns (2 KEPT,); turns (2 KEPT, 4): roll, pitch and their rates; the first size (1,) of each count."""
+    """Of the rates: stamps_ns (2 KEPT,); turns (2 KEPT, 4): roll, pitch and their rates; size (1,): of them."""
 
     stamps_ns: IntArray
     turns: FloatArray

@@ -61,10 +61,11 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
     pose = view.pose
     rotation, at = pose.rotation, pose.translation_m
     (x, y, z), rays = at.tolist(), [(-left, -up, ahead) for ahead, left, up in rotation.tolist()]  # of (x, y, 1)
-    rows = [
-        [z * own - place * down for own, down in zip(ray, rays[2], strict=True)] for place, ray in zip((x, y), rays)
-    ]
-    ground = np.array([*rows, [-down for down in rays[2]]])
+    ground = np.array([
+        [z * rays[0][k] - x * rays[2][k] for k in range(3)],
+        [z * rays[1][k] - y * rays[2][k] for k in range(3)],
+        [-rays[2][k] for k in range(3)],
+    ])  # fmt: skip
     fx, fy, cx, cy = lens.pinhole
     if view.correction is not None:
         pixels = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])

@@ -14,6 +14,7 @@ from touchline.perception.line_graph.profiles import Pixels, cut_across, signal_
 
 _BESIDE_PX = 4.0  # from a line's edge to where others that cross it are looked for
 _WHITE, _BARE = 0.4, 0.25  # of the line's contrast: from where on another thread begins, and has ended
+_STEP_PX = 2.0  # no thread that is seen at all is thinner
 _MIN_THREADS, _PER_M = 3, 3.0  # of threads that cross one; meshes have 10 cm at most
 
 
@@ -30,7 +31,7 @@ def is_thread(pixels: Pixels, plane: ImagePlane, line: FloatArray, contrast: flo
     dx, dy = line[2] - line[0], line[3] - line[1]
     length_px = focal * math.hypot(dx, dy)
     height, width = pixels.image.shape[0], pixels.image.shape[1]
-    steps = int(length_px)
+    steps = int(length_px / _STEP_PX)
     for side in range(2):
         threads, white = 0, False
         for k in range(steps + 1):
