@@ -104,8 +104,6 @@ class LinePoints(_Seen):
 
     def usable(self, max_range_m: float = math.inf) -> LinePoints:
         """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
-        if _all_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m):
-            return self
         return self.rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
 
 
@@ -113,8 +111,8 @@ def _measured(
     positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
 ) -> BoolArray:
     """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
-    if len(positions_m) == 0:
-        return np.zeros(0, dtype=np.bool_)
+    if _all_measured(positions_m, covariances_m2, confidences, max_range_m):
+        return np.ones(len(positions_m), dtype=np.bool_)
     kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
     kept &= np.isfinite(confidences) & (confidences >= 0.0)
     kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)
@@ -129,7 +127,7 @@ def _all_measured(
 ) -> bool:
     """Whether all places are measurements; quick, and False where that is not plain: far off, or a sum too large."""
     if len(positions_m) == 0:
-        return False
+        return True
     total = np.add.reduce(positions_m, axis=None) + np.add.reduce(covariances_m2, axis=None)
     if not math.isfinite(total + np.add.reduce(confidences)):
         return False
