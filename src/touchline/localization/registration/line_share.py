@@ -2,7 +2,8 @@
 
 Points on a robot, a net or a cable are many, and say one thing: here is something that is no line. So cells of the
 ground are counted, not points, and cells off the lines that hang together count for little where they reach less far
-than a line does. What a wrong field leaves off the lines are lines, and a wrong scale leaves it beside them.
+than a line does. What a wrong field leaves off the lines are lines, and a wrong scale leaves it beside them. Lines of
+another field are parallel to these: a long thing at another angle is a cable or a bar.
 """
 
 import math
@@ -17,6 +18,8 @@ LINKED2 = 3.4**2  # in cells: so near cells hang together
 LINE_CELLS = 1.5 / CELL_M  # diagonal from which what hangs together is a line
 LINE, BESIDE, THING = 1.7, 1.0, 0.2  # cells on lines as which one of a line that is not there counts, or of a thing
 BESIDE_M = 0.5  # from a line, within which a thing's cell may be of that line
+MAX_MINOR2, MIN_SKEW = 1.5**2, math.radians(7.0)  # variance across (cells), and angle to the field's axes, of a bar
+MAX_CURVATURE = CELL_M / 4.0  # of a bar (1/cells): half that of a centre circle
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -50,15 +53,16 @@ def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untype
         else:
             off[n, 0], off[n, 1], off[n, 2] = cells[k, 0], cells[k, 1], summed_m[k] < BESIDE_M * cells[k, 2]
             n += 1
-    return right / max(right + _counted(off[:n]), 1.0)
+    counted, skew = _counted(off[:n])
+    return right / max(right + counted + (THING if right >= skew else LINE) * skew, 1.0)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _counted(off):  # type: ignore[no-untyped-def]
-    """As how many cells those off the lines count, rows (N, 3) of x, y and whether one is beside a line; their order
-    changes: what hangs together comes together.
+    """As how many cells those off the lines count, rows (N, 3) of x, y and whether one is beside a line, and how many
+    are of bars that no field has; their order changes: what hangs together comes together.
     """
-    counted, begin = 0.0, 0
+    counted, skew, begin = 0.0, 0, 0
     while begin < off.shape[0]:
         end, i = begin + 1, begin
         low_x = high_x = off[begin, 0]
@@ -73,8 +77,32 @@ def _counted(off):  # type: ignore[no-untyped-def]
                         off[j, k], off[end, k] = off[end, k], off[j, k]
                     end += 1
             i += 1
-        is_line = math.hypot(high_x - low_x, high_y - low_y) >= LINE_CELLS
-        beside = off[begin:end, 2].sum()
-        counted += LINE * (end - begin) if is_line else BESIDE * beside + THING * (end - begin - beside)
+        if math.hypot(high_x - low_x, high_y - low_y) < LINE_CELLS:
+            beside = off[begin:end, 2].sum()
+            counted += BESIDE * beside + THING * (end - begin - beside)
+        elif _is_skew(off[begin:end, :2]):
+            skew += end - begin
+        else:
+            counted += LINE * (end - begin)
         begin = end
-    return counted
+    return counted, skew
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _is_skew(cells):  # type: ignore[no-untyped-def]
+    """Whether cells (N, 2) lie along one straight line that is parallel to no axis of the field."""
+    x, y, n = cells[:, 0].mean(), cells[:, 1].mean(), cells.shape[0]
+    xx = xy = yy = 0.0
+    for i in range(n):
+        dx, dy = cells[i, 0] - x, cells[i, 1] - y
+        xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+    turn = 0.5 * math.atan2(2.0 * xy, xx - yy)  # to the x axis, up to a right angle
+    along2, bend, spread = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy), 0.0, 0.0
+    if min(abs(turn), 0.5 * math.pi - abs(turn)) < MIN_SKEW or xx + yy - along2 > MAX_MINOR2 * n:
+        return False
+    cosine, sine = math.cos(turn), math.sin(turn)
+    for i in range(n):  # a parabola across, of the curvature of an arc
+        dx, dy = cells[i, 0] - x, cells[i, 1] - y
+        u2 = (cosine * dx + sine * dy) ** 2 - along2 / n
+        bend, spread = bend + u2 * (cosine * dy - sine * dx), spread + u2 * u2
+    return 2.0 * abs(bend) < MAX_CURVATURE * spread
