@@ -143,7 +143,7 @@ class Integrity:
     def is_believed(self) -> bool:
         """Whether a pose may be tracked."""
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
-        least = MIN_SHARE_JUMPING if self._jumps > MAX_JUMPS else least
+        least = MIN_SHARE_JUMPING if self._jumps > MAX_JUMPS and self._good_s < PROBATION_S else least
         return self.confirmed and not self._doubt and self.is_consistent(least)
 
     @property
@@ -383,7 +383,7 @@ class Integrity:
             return
         foreign = max(self.statistics["share"], self.statistics["chance"]) >= 1.0
         self._foreign_s += seconds * (foreign - FORGOTTEN_PER_S * self._foreign_s)
-        good = not (foreign or jump.elsewhere) and self._shares[-1] >= GOOD_SHARE
+        good = not (foreign or jump.elsewhere) and self.share >= GOOD_SHARE
         self._good_s = self._good_s + seconds if good else 0.0
 
     def _clock_lag(self, late_s: float) -> float:
