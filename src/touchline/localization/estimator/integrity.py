@@ -24,6 +24,7 @@ from touchline.localization.estimator.motion_relation import (
     STEP_S,
     Culprit,
     MotionRelation,
+    gyro_turn,
 )
 from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
@@ -64,6 +65,7 @@ SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
 UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
+GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 NOWHERE = Pose(0.0, 0.0, 0.0)
@@ -111,6 +113,7 @@ class Integrity:
     def reset(self, confirmed: bool = False, own_half: bool = False) -> None:
         """Nothing has been seen. confirmed: the pose was given; own_half: only that it lies there."""
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
+        self._turns_proved = False
         self._good_images = 0  # in a row that agree with a pose found in the own half
         self.motion.reset()
         self.relation.reset()
@@ -233,10 +236,21 @@ class Integrity:
             return None
         doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
-        if doubt and position_m > ALERT_M:
-            self.unbounded = f"unseen for {unseen_m:.1f} m, by an odometry in doubt"
+        unseen_rad = self._unseen_rad(unseen.heading, gyro_turn(history, self._seen_ns, stamp_ns))
+        heading_rad += unseen_rad
+        if (doubt and position_m > ALERT_M) or (heading_rad > ALERT_RAD and not self._turns_proved):
+            turn = math.degrees(abs(unseen.heading))
+            self.unbounded = f"unseen for {unseen_m:.1f} m and {turn:.0f}°, the odometry alone tells the pose"
             return None
-        return position_m, heading_rad + 2.0 * abs(unseen.heading)
+        return position_m, heading_rad
+
+    @staticmethod
+    def _unseen_rad(turn: float, by_gyro: float) -> float:
+        """By how much (rad) the heading may be off by a turn that no image showed: the odometry's sign might be wrong,
+        unless the gyro (NaN: tells none) agrees.
+        """
+        agrees = abs(wrap_angle(by_gyro - turn)) < GYRO_RAD + GYRO_RATIO * abs(turn)
+        return (GYRO_RATIO if agrees else 2.0) * abs(turn)
 
     def excuse(self) -> None:
         """What explains everything is corrected: begin anew."""
@@ -310,6 +324,7 @@ class Integrity:
             self.confirmed, self._contradicted = False, True
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0
+        self._turns_proved = self._turns_proved or (self.relation.confirms and self.relation.turns)
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
 

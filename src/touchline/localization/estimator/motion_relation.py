@@ -369,7 +369,7 @@ class MotionRelation:
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
         span_ns, odometry = (last.stamp_ns, sighting.stamp_ns), history.odometry.samples.arrays
         late_ns = round(1e9 * late_s)
-        driven, gyro = _driven(*odometry, *span_ns), _gyro_turn(history, *span_ns)
+        driven, gyro = _driven(*odometry, *span_ns), gyro_turn(history, *span_ns)
         delayed = _driven(*odometry, span_ns[0] - late_ns, span_ns[1] - late_ns) if late_s else driven
         covariance = sighting.covariance
         if steps.walks:
@@ -564,7 +564,7 @@ def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool
     return math.hypot(x, y) >= STEP_M or abs(turn) >= STEP_RAD
 
 
-def _gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
+def gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
     """The turn (rad) by the gyro; NaN where it tells none."""
     samples = history.gyro.integral.samples
     if not len(samples) or samples.first_ns > start_ns or samples.last_ns < end_ns - 100_000_000:
