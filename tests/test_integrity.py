@@ -276,6 +276,23 @@ def test_images_that_lay_on_no_line_leave_a_pose_on_probation() -> None:
     assert not doubts[-1]
 
 
+@pytest.mark.parametrize(("gyro", "confirmed", "tracked"), [(None, False, False), (1.0, False, True),
+                                                            (-1.0, False, False), (None, True, True)])  # fmt: skip
+def test_a_turn_that_no_image_shows_needs_a_witness(gyro: float | None, confirmed: bool, tracked: bool) -> None:
+    """The odometry's sign may be wrong until a turn was confirmed; the gyro is another witness."""
+    integrity = open_system("touchline", match().setup).safeguard.integrity  # type: ignore[attr-defined]
+    history, stamps_ns = MotionHistory(), 10_000_000 * np.arange(1, 101)
+    turns = 0.8 * np.linspace(0.0, 1.0, 100)
+    poses = Samples(stamps_ns, np.column_stack((np.zeros((100, 2)), turns)))
+    rates = None if gyro is None else Samples(stamps_ns, np.tile([0.0, 0.0, 0.8 * gyro], (100, 1)))
+    history.add(Frame(int(stamps_ns[-1]), odometry=poses, gyro=rates))
+    integrity._seen_ns, integrity._turns_proved = int(stamps_ns[0]), confirmed
+    bound = integrity.protection(1e-6 * np.eye(3), int(stamps_ns[-1]), history)
+    assert (bound is not None) is tracked
+    assert tracked or "odometry alone" in integrity.unbounded
+    assert bound is None or (bound[1] < 0.5) is (gyro is not None)
+
+
 def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
     drive, coverage = match(), LineCoverage()
     seen = [frame.observation.points.positions_m for frame in drive.frames if frame.observation is not None]

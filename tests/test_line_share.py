@@ -49,6 +49,32 @@ def test_a_line_that_is_not_there_counts_for_more_than_a_thing(length_m: float, 
     assert _share(np.concatenate((ON_LINES, apart))) == pytest.approx(on / (on + weight * off), abs=1e-9)
 
 
+def _turned(points: FloatArray, angle: float) -> FloatArray:
+    """Points (N, 2) turned about their middle."""
+    middle, (c, s) = points.mean(axis=0), (np.cos(angle), np.sin(angle))
+    return np.asarray((points - middle) @ np.array([[c, s], [-s, c]]) + middle)
+
+
+@pytest.mark.parametrize(("angle", "is_bar"), [(0.0, False), (0.05, False), (0.4, True), (-1.2, True), (1.55, False)])
+def test_a_straight_thing_that_is_parallel_to_no_axis_is_a_bar(angle: float, is_bar: bool) -> None:
+    off = _turned(_line(2.4, -5.0, 3.66, 0.06), angle)
+    share, parallel = (_share(np.concatenate((ON_LINES, points))) for points in (off, _line(2.4, -5.0, 3.66, 0.06)))
+    assert (share > parallel + 0.2) is is_bar
+
+
+def test_an_arc_and_a_corner_of_another_field_are_no_bars() -> None:
+    angles = np.linspace(0.3, 1.5, 40)
+    arc = 2.0 * np.column_stack((np.cos(angles), np.sin(angles))) + np.array([-6.0, 2.4])
+    corner = np.concatenate([_line(1.6, -5.0, 3.66), _turned(_line(1.6, -5.8, 4.4), 0.5 * np.pi)])
+    for points in (arc, corner):
+        assert _share(np.concatenate((ON_LINES, points))) < 50 / (50 + 0.8 * LINE * len(points) * 0.6)
+
+
+def test_where_bars_are_more_than_what_is_explained_they_may_be_the_lines() -> None:
+    few, bars = ON_LINES[:10], _turned(_line(2.4, -5.0, 3.66), 0.4)
+    assert _share(np.concatenate((few, bars))) < 10 / (10 + len(bars))
+
+
 def test_what_lies_beside_a_line_may_be_of_it() -> None:
     beside = _line(1.0, 0.48, 5.7)
     on, off = len(ON_LINES), len(beside)

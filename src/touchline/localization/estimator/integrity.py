@@ -236,21 +236,13 @@ class Integrity:
             return None
         doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
-        unseen_rad = self._unseen_rad(unseen.heading, gyro_turn(history, self._seen_ns, stamp_ns))
-        heading_rad += unseen_rad
+        if unseen.heading:
+            heading_rad += _unseen_rad(unseen.heading, gyro_turn(history, self._seen_ns, stamp_ns))
         if (doubt and position_m > ALERT_M) or (heading_rad > ALERT_RAD and not self._turns_proved):
             turn = math.degrees(abs(unseen.heading))
             self.unbounded = f"unseen for {unseen_m:.1f} m and {turn:.0f}°, the odometry alone tells the pose"
             return None
         return position_m, heading_rad
-
-    @staticmethod
-    def _unseen_rad(turn: float, by_gyro: float) -> float:
-        """By how much (rad) the heading may be off by a turn that no image showed: the odometry's sign might be wrong,
-        unless the gyro (NaN: tells none) agrees.
-        """
-        agrees = abs(wrap_angle(by_gyro - turn)) < GYRO_RAD + GYRO_RATIO * abs(turn)
-        return (GYRO_RATIO if agrees else 2.0) * abs(turn)
 
     def excuse(self) -> None:
         """What explains everything is corrected: begin anew."""
@@ -454,6 +446,14 @@ class Integrity:
 def _largest(statistics: dict[str, float]) -> float:
     """Of the statistics that distrust something."""
     return max(value for name, value in statistics.items() if name != CAMERA)
+
+
+def _unseen_rad(turn: float, by_gyro: float) -> float:
+    """By how much (rad) the heading may be off by a turn that no image showed: the odometry's sign might be wrong, unless
+    the gyro (NaN: tells none) agrees.
+    """
+    agrees = abs(wrap_angle(by_gyro - turn)) < GYRO_RAD + GYRO_RATIO * abs(turn)
+    return (GYRO_RATIO if agrees else 2.0) * abs(turn)
 
 
 def _but(statistics: dict[str, float], *names: str) -> dict[str, float]:

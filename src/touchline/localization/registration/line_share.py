@@ -19,7 +19,7 @@ LINE_CELLS = 1.5 / CELL_M  # diagonal from which what hangs together is a line
 LINE, BESIDE, THING = 1.7, 1.0, 0.2  # cells on lines as which one of a line that is not there counts, or of a thing
 BESIDE_M = 0.5  # from a line, within which a thing's cell may be of that line
 MAX_MINOR2, MIN_SKEW = 1.5**2, math.radians(7.0)  # variance across (cells), and angle to the field's axes, of a bar
-MAX_CURVATURE = CELL_M / 4.0  # of a bar (1/cells): half that of a centre circle
+MAX_CURVATURE = CELL_M / 8.0  # of a bar (1/cells): a quarter of that of a centre circle
 
 
 @numba.njit(cache=True, error_model="numpy")
