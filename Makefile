@@ -8,7 +8,7 @@ WHEEL := .venv-wheel
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark clean zenoh
+.PHONY: demo test test-all style loops tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark pages clean zenoh
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -113,6 +113,31 @@ mutants: $(VENV)/installed
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name
+
+# Every page of figures anew, from this commit: a night on two cores; stopped, it goes on in build/pages. TOUCHLINE_DATA names
+# the folder of the public recordings.
+pages: WORKERS ?= 2
+pages: BENCH := build/pages/benchmark
+pages: loops
+	$(BIN)/touchline experiment all --workers $(WORKERS) --output build/pages
+	$(BIN)/touchline bench suite touchline-bench-1 --workers $(WORKERS) --output $(BENCH)/systems.jsonl $(foreach system, \
+	  touchline nubot-mti nubot-mcl iris-fusion nimbro-lines nubot-mti:paper nubot-mcl:paper iris-fusion:paper \
+	  nimbro-lines:paper, --system $(system))
+	$(BIN)/touchline bench export touchline-bench-1 $(BENCH)/inputs
+	$(BIN)/python benchmarks/baselines/amcl.py $(BENCH)/inputs $(BENCH)/amcl
+	$(BIN)/python benchmarks/baselines/marker_search.py $(BENCH)/inputs $(BENCH)/marker-search
+	$(CXX) -O2 -std=c++17 -o $(BENCH)/odometry_alone benchmarks/baselines/odometry_alone.cpp
+	mkdir -p $(BENCH)/odometry-alone
+	for drive in $(BENCH)/inputs/*/; do \
+	  $(BENCH)/odometry_alone $$drive > $(BENCH)/odometry-alone/$$(basename $$drive).tum || exit; done
+	$(BIN)/touchline bench score touchline-bench-1 $(BENCH)/amcl $(BENCH)/marker-search $(BENCH)/odometry-alone \
+	  --output $(BENCH)/baselines.jsonl
+	cp $(BENCH)/systems.jsonl $(BENCH)/baselines.jsonl docs/benchmark/
+	$(BIN)/python docs/images/results.py build/pages
+	$(BIN)/python docs/images/figures.py --measure $(TOUCHLINE_DATA)
+	$(BIN)/python docs/images/benchmark.py
+	$(BIN)/python docs/images/integrity.py
+	$(BIN)/python docs/images/own_system.py
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

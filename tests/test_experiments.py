@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from touchline.errors import InputError
 from touchline.evaluation.metrics import ErrorTable
 from touchline.experiments import (
     EXPERIMENTS,
+    Experiment,
     ExperimentResult,
     chosen_experiments,
     kidnap,
@@ -25,11 +27,14 @@ from touchline.experiments import (
 )
 from touchline.experiments.drives import Track
 from touchline.experiments.harness import (
+    RUNS,
     Headline,
     interval,
     percent,
+    progress_to,
     rate,
     result_page,
+    seed_range,
     spread,
     wilson,
     with_row,
@@ -108,6 +113,41 @@ def test_every_experiment_tells_how_far_it_has_come(name: str) -> None:
     with pytest.raises(HeardError):
         EXPERIMENTS[name].run(3, listen)
     assert re.fullmatch(r"[a-z ]+, 1 of \d+", heard[0])
+
+
+def test_seeds_begin_where_they_are_asked_to() -> None:
+    with progress_to(None, first_seed=7):
+        assert list(seed_range(3)) == [7, 8, 9]
+        assert list(seed_range(2, 10)) == list(range(70, 90))
+    assert list(seed_range(2)) == [0, 1]
+    first, later = (EXPERIMENTS["schulz-imu"].run(1, first_seed=first) for first in (0, 3))
+    assert (later.seeds, later.first_seed) == (1, 3)
+    assert first.rows != later.rows
+    assert with_row("", later).splitlines()[-1].endswith("| 1 from 3 |")
+
+
+def test_all_goes_on_where_it_was_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a folder holds of these seeds by this commit is left; other seeds are run."""
+    runs: list[tuple[str, int, int]] = []
+
+    def run(self: Experiment, seeds: int, *_: object, first_seed: int) -> ExperimentResult:
+        runs.append((self.name, seeds, first_seed))
+        return replace(result(self.name), first_seed=first_seed)
+
+    monkeypatch.setattr(Experiment, "run", run)
+    monkeypatch.setattr("touchline.experiments.EXPERIMENTS", {name: EXPERIMENTS[name] for name in ("own", "nees")})
+    command = ["experiment", "all", "--output", str(tmp_path), "--seeds", "2"]
+    assert main(command) == 0
+    (tmp_path / RUNS).write_text("".join((tmp_path / RUNS).read_text().splitlines(keepends=True)[:1]))
+    assert main(command) == 0
+    assert runs == [("own", 2, 0), ("nees", 2, 0), ("nees", 2, 0)]
+    assert "own: done before" in capsys.readouterr().out
+    assert main([*command, "--first-seed", "100"]) == 0
+    assert runs[3:] == [("own", 2, 100), ("nees", 2, 100)]
+    (tmp_path / RUNS).write_text("nothing\n")
+    assert main(command) == 2
 
 
 def test_a_mistyped_experiment_is_answered_with_the_nearest() -> None:

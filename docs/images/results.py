@@ -30,7 +30,7 @@ the papers' times were measured on other processors, one of them of 1.66 GHz.
 The tables show the paper's figures, *its form here* (the system with `--preset paper`; what still differs from the
 paper stands on the system's page) and ours, of [robots as built](simulation.md#a-robot-as-built), each drawn anew from
 its seed; *ideal* stands for the same seeds' robots as designed. ± is the standard deviation over the seeds, the
-last column says how many, from 0 on. Brackets hold the interval of 95 %: by bootstrap over
+last column says how many, from 0 on where nothing else is said. Brackets hold the interval of 95 %: by bootstrap over
 the robots behind a mean, Wilson's behind a rate.
 
 Measured on one virtual core of an {core}, while other programs ran. `python docs/images/results.py RESULTS` writes this

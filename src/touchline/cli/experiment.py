@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 def experiment(
     name: Annotated[str | None, typer.Argument(metavar="NAME|all", help="Which experiment.")] = None,
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with other chance; the spread is of these.")] = 5,
+    first_seed: Annotated[int, typer.Option(min=0, metavar="N", help="First of them.")] = 0,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where pages and pictures go.")] = Path(
         "results"
     ),
@@ -41,10 +42,11 @@ def experiment(
     touchline experiment lu2013-kidnap --seeds 5   reruns one. Without a name, the experiments are listed.
 
     faults and play take hours: their results are kept in DIR/NAME.jsonl as they come, and a second run goes on there.
+    all takes a night; begun again it leaves what DIR holds of these seeds by the same commit.
     """
     from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
-    from touchline.experiments.harness import check_writable, write_result
+    from touchline.experiments.harness import check_writable, is_done, note_done, write_result
 
     if listing or name is None:
         for known in EXPERIMENTS.values():
@@ -59,20 +61,26 @@ def experiment(
         raise InputError(f"--part {part}: is no regular expression ({error})") from None
     with open_workers(workers, dask) as hands:
         for chosen in experiments:
-            result = _run(chosen, seeds, hands, (output, NOTHING if draw else part))
+            which, begun_s = range(first_seed, first_seed + seeds), time.monotonic()
+            if name == "all" and not draw and is_done(output, chosen.name, which):
+                say(f"{chosen.name}: done before\n", style="dim")
+                continue
+            result = _run(chosen, which, hands, (output, NOTHING if draw else part))
             files = write_result(result, output, list(EXPERIMENTS))
+            if not (draw or part):
+                note_done(output, chosen.name, which, (time.monotonic() - begun_s) / 60.0)
             say(f"{result.name}: {result.title}; {counted(result.seeds, 'seed')}", style="bold")
             wide_output().print(plain_table(*result.columns, rows=result.rows, no_wrap=True), soft_wrap=False)
             say(*result.notes, style="dim")
             say(f"written: {', '.join(str(path) for path in files)}\n")
 
 
-def _run(chosen: Experiment, seeds: int, workers: Workers, kept: tuple[Path, str]) -> ExperimentResult:
+def _run(chosen: Experiment, seeds: range, workers: Workers, kept: tuple[Path, str]) -> ExperimentResult:
     """Run one; a terminal shows how far it has come, anything else gets a line every ten seconds."""
     terminal = errors_console()
     said_s = time.monotonic()
 
-    with terminal.status(f"{chosen.name}: {seeds} seeds") as status:
+    with terminal.status(f"{chosen.name}: {len(seeds)} seeds") as status:
 
         def tell(progress: str) -> None:
             nonlocal said_s
@@ -81,4 +89,4 @@ def _run(chosen: Experiment, seeds: int, workers: Workers, kept: tuple[Path, str
                 said_s = time.monotonic()
                 terminal.print(f"{chosen.name}: {progress}")
 
-        return chosen.run(seeds, tell, workers, *kept)
+        return chosen.run(len(seeds), tell, workers, *kept, first_seed=seeds.start)

@@ -28,16 +28,18 @@ class Experiment:
         workers: Workers | None = None,
         folder: Path | None = None,
         part: str = "",
+        first_seed: int = 0,
     ) -> ExperimentResult:
-        """Run it; seeds >= 1. listener: told, in a few words, how far it has come. workers: who computes its runs.
-        folder: where one that can be resumed keeps its results; part: which of its tasks, a regular expression.
+        """Run it; seeds >= 1, from first_seed on. listener: told, in a few words, how far it has come. workers: who
+        computes its runs. folder: where one that can be resumed keeps its results; part: which of its tasks, a regular
+        expression.
         """
         kept = None if folder is None else Kept(folder / f"{self.name}.jsonl", part)
         module = importlib.import_module(f"touchline.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.name.replace("-", "_"))
-        with progress_to(listener, workers, kept):
+        with progress_to(listener, workers, kept, first_seed):
             result = function(seeds)
-            return replace(result, name=self.name, seeds=result.seeds or seeds)
+            return replace(result, name=self.name, seeds=result.seeds or seeds, first_seed=first_seed)
 
 
 EXPERIMENTS = {

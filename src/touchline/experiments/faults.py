@@ -29,7 +29,7 @@ from touchline.experiments.catalogue import (
     pairs,
 )
 from touchline.experiments.drives import Drive, estimates_of, longest, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed, seed_range
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import BoolArray, FloatArray
 from touchline.messages import without_numbers
@@ -202,7 +202,7 @@ def _of_case(task: tuple[str, str, int, int]) -> list[tuple[str, str, dict[str, 
 def tasks(count: int) -> list[tuple[str, str, int, int]]:
     """Every case on so many robots of its kind, robot by robot; of the pairs each on one in `FEWER`."""
     found = []
-    for number in range(count):
+    for number in seed_range(count):
         for robots in KINDS_OF_ROBOTS:
             for index, case in enumerate(cases(robots)):
                 if len(case) == 1 or (index + number) % FEWER == 0:

@@ -12,7 +12,7 @@ import numpy as np
 from touchline.experiments.catalogue import ALWAYS, CATALOGUE, FEATURES, MIRROR, PASSING, SHORT, Kind, driven_by
 from touchline.experiments.drives import estimates_of
 from touchline.experiments.faults import FIRST_SEED, OWN, Score, bounds_figure, frames_of, misleading
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed, wilson
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed, seed_range, wilson
 from touchline.experiments.injections import Fault
 from touchline.geometry import runs_of
 
@@ -80,7 +80,7 @@ def _of_robot(task: tuple[str, int, int]) -> tuple[str, dict[str, Any]]:
 def play(seeds: int) -> ExperimentResult:
     """Half an hour of play a seed: two robots with a mirror and a humanoid, ten minutes each."""
     tasks = [
-        (robots, number, seed) for seed in range(seeds) for robots in ROBOTS for number in ROBOTS[robots][seed % 2]
+        (robots, number, seed) for seed in seed_range(seeds) for robots in ROBOTS for number in ROBOTS[robots][seed % 2]
     ]
     found: dict[str, list[Played]] = {robots: [] for robots in ROBOTS}
     for robots, tree in resumed(_of_robot, tasks, "plays"):

@@ -6,10 +6,12 @@ and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which 
 
 import io
 import json
+import os
+import platform
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, Token
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -18,7 +20,9 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
+import touchline
 from touchline.errors import InputError
+from touchline.evaluation.latency import cpu_name
 from touchline.evaluation.workers import Here, Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
@@ -42,6 +46,7 @@ class Kept(NamedTuple):
 
 
 _KEPT: ContextVar[Kept | None] = ContextVar("kept", default=None)
+_FIRST_SEED: ContextVar[int] = ContextVar("first seed", default=0)
 _WORKERS: ContextVar[Workers] = ContextVar("workers", default=Here())  # noqa: B039  # it holds nothing
 _DRAWS = 2000
 PAGE = "results.md"
@@ -58,18 +63,50 @@ _HEAD = (
 
 
 @contextmanager
-def progress_to(listener: Listener | None, workers: Workers | None = None, kept: Kept | None = None) -> Iterator[None]:
+def progress_to(
+    listener: Listener | None, workers: Workers | None = None, kept: Kept | None = None, first_seed: int = 0
+) -> Iterator[None]:
     """Within it, `listener` is told of every step of `follow` and `computed`, as a short line of text.
 
     workers: who computes what is `computed`; None: this process. kept: where results that are `resumed` stand.
+    first_seed: where `seed_range` begins.
     """
-    token, workers_before, kept_before = _LISTENER.set(listener), _WORKERS.set(workers or Here()), _KEPT.set(kept)
+    before: list[tuple[ContextVar[Any], Token[Any]]] = [
+        (_LISTENER, _LISTENER.set(listener)),
+        (_WORKERS, _WORKERS.set(workers or Here())),
+        (_KEPT, _KEPT.set(kept)),
+        (_FIRST_SEED, _FIRST_SEED.set(first_seed)),
+    ]
     try:
         yield
     finally:
-        _KEPT.reset(kept_before)
-        _LISTENER.reset(token)
-        _WORKERS.reset(workers_before)
+        for variable, token in before:
+            variable.reset(token)
+
+
+def about() -> dict[str, Any]:
+    """By what results are measured: commit, versions, machine."""
+    import scipy
+
+    versions = {"touchline": touchline.__version__, "python": platform.python_version()}
+    versions |= {"numpy": np.__version__, "scipy": scipy.__version__}
+    return {"commit": commit(), "versions": versions, "machine": f"{cpu_name()}, {os.cpu_count()} cores"}
+
+
+def commit() -> str:
+    """Of the source tree that this runs from; empty for an installed package."""
+    git = Path(__file__).parents[3] / ".git"
+    if not (git / "HEAD").is_file():
+        return ""
+    head = read_text(git / "HEAD", 1000).strip()
+    path = git / head.removeprefix("ref: ")
+    return (read_text(path, 1000).strip() if path.is_file() else head)[:12]
+
+
+def seed_range(seeds: int, each: int = 1) -> range:
+    """Seeds of so many runs, or of so many for each, from the first one on that was asked for."""
+    first = _FIRST_SEED.get()
+    return range(each * first, each * (first + seeds))
 
 
 def follow(items: Sequence[Item], what: str) -> Iterator[Item]:
@@ -117,6 +154,27 @@ def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str
     return list(held.values())
 
 
+RUNS = "runs.jsonl"  # in a folder of results: which experiments are done, by what, and how long each took
+
+
+def is_done(folder: Path, name: str, seeds: range) -> bool:
+    """Whether a folder holds an experiment's page of these seeds, by this commit. Raises InputError for other files."""
+    path, by = folder / RUNS, about()
+    try:
+        lines = [json.loads(line) for line in read_text(path, _MAX_BYTES).splitlines()] if path.is_file() else []
+        found = [(one["name"], *one["seeds"], one["commit"], one["versions"]) for one in lines]
+    except (ValueError, TypeError, KeyError):
+        raise InputError(f"{path}: is no list of runs; choose another folder") from None
+    return (name, seeds.start, seeds.stop, by["commit"], by["versions"]) in found
+
+
+def note_done(folder: Path, name: str, seeds: range, minutes: float) -> None:
+    """Add an experiment that is done."""
+    row = {"name": name, "seeds": [seeds.start, seeds.stop], "minutes": round(minutes, 2), **about()}
+    with (folder / RUNS).open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
 def together(results: Iterable[Mapping[Key, Result]]) -> dict[Key, list[Result]]:
     """Results by their keys (a condition, a system): of every key those of all robots."""
     found: dict[Key, list[Result]] = {}
@@ -149,7 +207,7 @@ class Headline:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ExperimentResult:
-    """Result of an experiment over `seeds` seeds; `Experiment.run` tells its name, and them where they count.
+    """Result of an experiment over `seeds` seeds; `Experiment.run` tells its name, and which they are.
 
     columns, rows: the table, as text; numbers are means over the seeds, ± is their standard deviation. notes: whole
     sentences on what was simulated and counted. pictures: by name, without ending. overlays: images (H, W, 3), B, G,
@@ -164,6 +222,7 @@ class ExperimentResult:
     pictures: Sequence[tuple[str, Figure]] = ()
     name: str = ""
     seeds: int = 0
+    first_seed: int = 0
     overlays: Sequence[tuple[str, ImageArray]] = ()
 
 
@@ -270,8 +329,8 @@ def result_page(result: ExperimentResult, pictures: Iterable[str]) -> str:
 def with_row(page: str, result: ExperimentResult, order: Sequence[str] = ()) -> str:
     """The results page with this experiment's row added, or replaced if it has one."""
     rows = {line[len("| [") :].partition("]")[0]: line for line in page.splitlines() if line.startswith("| [")}
-    h = result.headline
-    rows[result.name] = _row((f"[{result.name}]({result.name}.md)", h.what, h.paper, h.ours, str(result.seeds)))
+    h, seeds = result.headline, f"{result.seeds}" + (f" from {result.first_seed}" if result.first_seed else "")
+    rows[result.name] = _row((f"[{result.name}]({result.name}.md)", h.what, h.paper, h.ours, seeds))
     known = [name for name in order if name in rows]
     names = known + [name for name in rows if name not in known]
     return "\n".join((*_HEAD, *(rows[name] for name in names), ""))

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.experiments.drives import Drive, drive_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, seed_range
 from touchline.experiments.injections import SLIP_S, covered, gyro_drifting, slipped
 from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, drive, open_iris
 from touchline.experiments.scenes import BLUE, RED, new_figure
@@ -106,7 +106,7 @@ def outcome_of(driven: IrisDrive, ends_s: float) -> Outcome:
 def iris_disturbances(seeds: int) -> ExperimentResult:
     """Every kind of disturbance on both fields, slowly and in play."""
     rendered = min(seeds, RENDERED)
-    outcomes = gathered(_as_points, list(product(FIELDS, SCENARIOS, range(seeds))), "drives")
+    outcomes = gathered(_as_points, list(product(FIELDS, SCENARIOS, seed_range(seeds))), "drives")
     shown = [(*place, seed) for place in zip(FIELDS, SCENARIOS, strict=True) for seed in range(rendered)]
     outcomes |= gathered(_on_images, shown, "drives on images")
     for (k, field), kind in product(enumerate(FIELDS), KINDS):

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from touchline.calibration.range_regression import RangeRegression
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
-from touchline.experiments.harness import ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.harness import ExperimentResult, Headline, Row, follow, percent, seed_range, spread, together
 from touchline.experiments.iris_runs import DIRECTIONS, MARK_NOISE_PX, range_regression
 from touchline.experiments.scenes import BLUE, PAINT, RED, dots, image_figure, new_figure, random_place
 from touchline.field import FieldModel, open_field
@@ -53,9 +53,9 @@ class Detection:
 def iris_lines(seeds: int) -> ExperimentResult:
     """One place per seed on the 9 x 6 m field, each under the three lightings."""
     field = open_field(FIELD)
-    places = [_one_place(field, seed) for seed in follow(range(seeds), "places")]
+    places = [_one_place(field, seed) for seed in follow(seed_range(seeds), "places")]
     found = together(by_case for _, by_case in places)
-    ideal = together(_one_place(field, seed, ideal=True)[1] for seed in follow(range(seeds), "ideal robots"))
+    ideal = together(_one_place(field, seed, ideal=True)[1] for seed in follow(seed_range(seeds), "ideal robots"))
     residuals_cm = [100.0 * float(np.sqrt(np.mean(regression.residuals_m**2))) for regression, _ in places]
     medians_cm = 100.0 * np.array(_over_lightings(found, np.median))
     shown = {condition: found[condition, "automatic"][0] for condition in CONDITIONS}

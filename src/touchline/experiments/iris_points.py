@@ -16,7 +16,17 @@ from touchline import palette
 from touchline.evaluation.metrics import ErrorStatistics
 from touchline.experiments import iris_runs as iris
 from touchline.experiments.drives import Drive, drive_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    interval,
+    percent,
+    seed_range,
+    spread,
+)
 from touchline.experiments.injections import covered
 from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording, way
 from touchline.field import FieldModel, open_field
@@ -64,7 +74,7 @@ def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
 def all_tours(seeds: int) -> tuple[iris.Runs, iris.Runs]:
     """By form the tours of all seeds at the observation level, and of the first robots on images."""
     at_points = iris.by_form(seeds, "tours", tour)
-    robots = list(follow(range(min(seeds, iris.IMAGE_ROBOTS)), "tours on images"))
+    robots = list(follow(seed_range(min(seeds, iris.IMAGE_ROBOTS)), "tours on images"))
     on_images = {form: [tour(seed, "images", (), form != iris.FORMS[0]) for seed in robots] for form in iris.FORMS[:2]}
     return at_points, on_images
 
@@ -93,11 +103,11 @@ def errors_at_places(driven: iris.IrisDrive, system: str) -> FloatArray:
 def iris_points(seeds: int) -> ExperimentResult:
     """Table I on simulated tours, and on the recording with 8 places."""
     runs, images = all_tours(seeds)
-    tilted = {"as built": [tour(seed, "points", TILTED) for seed in follow(range(seeds), "tours, mirror tilted")]}
+    tilted = {"as built": [tour(seed, "points", TILTED) for seed in follow(seed_range(seeds), "tours, mirror tilted")]}
     robots = follow(range(len(images["as built"])), "tilted, on images")
     tilted_images = {"as built": [tour(seed, "images", TILTED) for seed in robots]}
     recorded: iris.Runs = {form: [] for form in iris.FORMS[:2]}
-    for form, seed in follow(list(product(recorded, range(seeds))), "recorded tours"):
+    for form, seed in follow(list(product(recorded, seed_range(seeds))), "recorded tours"):
         driven = recorded_tour(seed, form != iris.FORMS[0])
         recorded[form] += [] if driven is None else [driven]
     rows = [row for system in iris.SYSTEMS for row in _rows(system, runs, system, with_paper=True)]
@@ -308,7 +318,7 @@ def _taken_to_b(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
 def iris_track(seeds: int) -> ExperimentResult:
     """Figure 17: which mode the fusion is in along the way from A to B."""
     runs = iris.by_form(seeds, "drives", from_a_to_b)
-    robots = follow(range(min(seeds, iris.IMAGE_ROBOTS)), "drives on images")
+    robots = follow(seed_range(min(seeds, iris.IMAGE_ROBOTS)), "drives on images")
     runs["on images"] = [from_a_to_b(seed) for seed in robots]
     found = iris.found_of(runs)
     ours = found["as built"]

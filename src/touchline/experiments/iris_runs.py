@@ -15,7 +15,7 @@ from touchline.calibration.range_regression import RangeRegression, fit_range
 from touchline.camera import require_omni
 from touchline.config import Settings
 from touchline.experiments.drives import Drive, Track
-from touchline.experiments.harness import gathered
+from touchline.experiments.harness import gathered, seed_range
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray, Pose, wrap_angles
 from touchline.localization.published.iris.modes import MIN_POINTS
@@ -142,7 +142,7 @@ def by_form(seeds: int, what: str, one: Callable[[int, str, tuple[str, ...], boo
         forms = (((), False), ((), True), (IDEAL, False))
         return {name: one(seed, "points", *form) for name, form in zip(FORMS, forms, strict=True)}
 
-    return gathered(forms, range(seeds), what)
+    return gathered(forms, seed_range(seeds), what)
 
 
 def found_of(runs: Mapping[str, Sequence[IrisDrive]]) -> Runs:

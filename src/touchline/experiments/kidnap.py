@@ -12,7 +12,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.experiments.drives import FOOLED_FRAMES, NEAR_M, NEAR_RAD, driven, followed, longest
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, rate, spread
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    gathered,
+    rate,
+    seed_range,
+    spread,
+)
 from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, random_place, the_camera, the_views
 from touchline.field import FieldModel, open_field
 from touchline.geometry import BoolArray, Pose, wrap_angle
@@ -165,7 +175,7 @@ def _alone(
     system: str, conditions: Sequence[Condition], seeds: int
 ) -> tuple[dict[tuple[Condition, str], list[list[Kidnap]]], list[Row]]:
     """Of each condition and seed the random kidnaps of a lone robot as designed; their rows."""
-    tasks = [(system, condition, seed) for condition in conditions for seed in range(seeds)]
+    tasks = [(system, condition, seed) for condition in conditions for seed in seed_range(seeds)]
     runs = gathered(_random, tasks, "runs of kidnaps")
     return runs, [
         _row(f"alone, as designed, compass off by {error:g}°, {_covering(covered)}", runs[(error, covered), OURS],
@@ -209,7 +219,7 @@ def _in_play(system: str, seeds: int) -> tuple[list[str], list[Row]]:
     """Kidnaps in matches, covered and in full view: how many are right, and their rows."""
     rates, rows = [], []
     for covered in (COVERED, 0):
-        tasks = [(system, seed, covered) for seed in range(seeds)]
+        tasks = [(system, seed, covered) for seed in seed_range(seeds)]
         matches = gathered(_match, tasks, f"matches with kidnaps {_covering(covered)}")
         ours, paper, ideal = (list(chain(*matches[covered, form])) for form in (OURS, PAPER, IDEAL))
         rates.append(_play_rate(ours))

@@ -16,7 +16,16 @@ from matplotlib.figure import Figure
 from touchline.camera import GroundView, leaning
 from touchline.evaluation.feature_truth import Tally, TrueFeatures
 from touchline.experiments.clutter import distances_to_segment
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, share_text, spread
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    gathered,
+    seed_range,
+    share_text,
+    spread,
+)
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import BoolArray, Float32Array, FloatArray, Pose
 from touchline.motion import LeanFilter
@@ -286,7 +295,7 @@ def _row(camera: str, name: str, found: Mapping[tuple[str, str], Sequence[Found]
 
 def light(seeds: int) -> ExperimentResult:
     """Every light on a robot a seed of each camera."""
-    found = gathered(of_robot, list(product(range(seeds), CAMERAS, LIGHTS)), "robots and lights")
+    found = gathered(of_robot, list(product(seed_range(seeds), CAMERAS, LIGHTS)), "robots and lights")
     worst = [
         f"{camera} {100.0 * min(_ratio(camera, name, found) for name in LIGHTS):.1f} %, "
         f"{100.0 * min(_sum(found[name, camera]).precision for name in LIGHTS):.1f} %"

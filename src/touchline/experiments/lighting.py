@@ -24,6 +24,7 @@ from touchline.experiments.harness import (
     computed,
     paper_cells,
     percent,
+    seed_range,
     spread,
     together,
 )
@@ -257,7 +258,7 @@ Runs = Mapping[tuple[str, str, bool], Sequence[Run]]  # by form, case and whethe
 
 def lu2013_lighting(seeds: int) -> ExperimentResult:
     """Table 2: each case with exposure control, some also with the settings that suited the first case."""
-    robots = [(seed, ideal) for ideal in (False, True) for seed in range(seeds if ideal else min(seeds, BUILT))]
+    robots = [(seed, ideal) for ideal in (False, True) for seed in seed_range(seeds if ideal else min(seeds, BUILT))]
     measured = list(computed(_of_robot, robots, "robots"))
     runs, dark = together(driven for driven, _ in measured), [each for _, each in measured if len(each)]
     return ExperimentResult(

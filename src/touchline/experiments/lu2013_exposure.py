@@ -9,7 +9,7 @@ from touchline.camera.exposure import ExposureControl, ExposureSettings, image_e
 from touchline.camera.exposure_search import Tried
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, spread
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, seed_range, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, public_recording, random_place
 from touchline.geometry import BoolArray, FloatArray
 from touchline.perception import LinePointDetector
@@ -81,8 +81,8 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
     papers = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER)
     simulation = Simulation(open_scenario(CASES["lamps"], 0))
     recording = public_recording(PUBLIC)
-    places = [_simulated_cases(seed, ours) for seed in follow(range(seeds), "places")]
-    ideal = [_simulated_cases(seed, ours, ideal=True) for seed in follow(range(seeds), "ideal robots")]
+    places = [_simulated_cases(seed, ours) for seed in follow(seed_range(seeds), "places")]
+    ideal = [_simulated_cases(seed, ours, ideal=True) for seed in follow(seed_range(seeds), "ideal robots")]
     recorded = [] if recording is None else _recorded_cases(recording, ours)
     built_paper, printed = (
         [[_case(case.name, case.camera, case.masks, papers) for case in cases] for cases in some]

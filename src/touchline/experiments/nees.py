@@ -14,7 +14,7 @@ from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
 from touchline.experiments.clutter import one_line
 from touchline.experiments.drives import Track, driven, followed
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, interval
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, interval, seed_range
 from touchline.experiments.injections import Fault
 from touchline.experiments.scenes import BLUE, new_figure
 
@@ -71,7 +71,7 @@ Found = Mapping[tuple[str, str], Sequence[Honesty]]  # by condition and system
 
 def nees(seeds: int) -> ExperimentResult:
     """Every condition for every system, ten robots per seed."""
-    return page(gathered(_robot, range(ROBOTS * seeds), "robots"))
+    return page(gathered(_robot, seed_range(seeds, ROBOTS), "robots"))
 
 
 def _robot(seed: int) -> dict[tuple[str, str], Honesty]:

@@ -26,6 +26,7 @@ from touchline.experiments.harness import (
     gathered,
     interval,
     percent,
+    seed_range,
     spread,
 )
 from touchline.experiments.scenes import (
@@ -194,7 +195,7 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
 
 def _all_runs(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> Runs:
     """Ours of every condition; of those shown beside them the paper's form and ideal robots, too."""
-    return gathered(_runs_of, [(c, seed, c in shown) for c in every for seed in range(seeds)], "drives")
+    return gathered(_runs_of, [(c, seed, c in shown) for c in every for seed in seed_range(seeds)], "drives")
 
 
 def _runs_of(task: tuple[Condition, int, bool]) -> dict[tuple[str, str], Run]:
@@ -279,7 +280,7 @@ def _recorded(seeds: int) -> list[tuple[Condition, Runs]]:
         return []
     setup = RobotSetup(recording.field, recording.camera)
     blind = drive_of(recording, setup, [replace(frame, image=None) for frame in recording])
-    drives = list(product(CONDITIONS, (OURS, PAPER), range(seeds)))
+    drives = list(product(CONDITIONS, (OURS, PAPER), seed_range(seeds)))
     found: dict[tuple[str, str], list[Run]] = {}
     for c, form, seed in follow(drives, "recorded drives"):
         system = open_system(c.system, setup, paper_settings(c.system) if form == PAPER else None, rng=seed)

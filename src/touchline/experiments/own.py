@@ -26,6 +26,7 @@ from touchline.experiments.harness import (
     interval,
     mean_interval,
     rate,
+    seed_range,
 )
 from touchline.experiments.injections import Fault, stuck_compass, turned_compass, unseen
 from touchline.experiments.own_points import OTHERS, OWN, SYSTEMS, row
@@ -150,7 +151,7 @@ def _errors_at(task: tuple[int, int]) -> dict[tuple[str, str], Errors]:
 
 def own(seeds: int) -> ExperimentResult:
     """Points, drives of robots as built, and the ideal ones beside them."""
-    tasks = [(place, seed) for place in range(len(CONDITIONS)) for seed in range(seeds)]
+    tasks = [(place, seed) for place in range(len(CONDITIONS)) for seed in seed_range(seeds)]
     runs, found, play = gathered(_errors_at, tasks, "drives"), own_points.point_runs(seeds), play_rows(seeds)
     drives = [each for condition in CONDITIONS for each in _rows(condition, runs)]
     return ExperimentResult(
@@ -252,10 +253,10 @@ class Played(NamedTuple):
 
 def play_rows(seeds: int) -> list[Row]:
     """Hours of play, and kidnaps in play."""
-    played = list(computed(_played, range(RUNS * seeds), "runs of play"))
+    played = list(computed(_played, seed_range(seeds, RUNS), "runs of play"))
     hours = f"{RUNS * seeds * MINUTES / 60.0:g} h of match, the compass fails for {FAULT_S:g} s every {MINUTES:g} min"
     flips, losses = sum(one.flip_s > FLIP_S for one in played), sum(one.loss_s > LOSS_S for one in played)
-    kidnaps = gathered(_kidnapped, range(KIDNAP_RUNS * seeds), "runs with kidnaps")
+    kidnaps = gathered(_kidnapped, seed_range(seeds, KIDNAP_RUNS), "runs with kidnaps")
     every = {system: [one for run in runs for one in run] for system, runs in kidnaps.items()}
     right = {system: rate(sum(one.right for one in each), len(each)) for system, each in every.items()}
     rest = {system: [one for one in each if not one.right] for system, each in every.items()}

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from touchline import palette
 from touchline.experiments.drives import KIDNAPS, WITHIN_FRAMES, Drive, Kidnapped, Track, driven, kidnaps_of, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, rate
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, rate, seed_range
 from touchline.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH, SECONDS, SHAKING, TRACKS, UNTOUCHED
 from touchline.experiments.own_points import OWN
 from touchline.experiments.scenes import new_figure
@@ -102,7 +102,7 @@ Found = Mapping[tuple[str, str], Sequence[Driven]]  # by part, and by condition 
 def own_ablations(seeds: int) -> ExperimentResult:
     """The same robots with each part left out in turn."""
     found: dict[tuple[str, str], list[Driven]] = {}
-    for of_robot in computed(without_parts, range(seeds), "robots"):
+    for of_robot in computed(without_parts, seed_range(seeds), "robots"):
         for part, where, one in of_robot:
             found.setdefault((part, where), []).append(one)
     return page(found)

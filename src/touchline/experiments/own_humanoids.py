@@ -18,7 +18,16 @@ from matplotlib.figure import Figure
 from touchline.camera import PerspectiveCamera
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, together
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    computed,
+    interval,
+    seed_range,
+    together,
+)
 from touchline.experiments.injections import carried, drifting, fallen, looking_lower, misjudged, turned_aside
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, RECORDINGS, right_of, tracked, walk
@@ -90,7 +99,7 @@ CASES = (
 
 def own_humanoids(seeds: int) -> ExperimentResult:
     """Walks of robots as built with what may happen to them, the ideal ones beside them, and the recordings."""
-    measured = list(computed(_of_walk, list(product(FIELDS, range(seeds))), "walks"))
+    measured = list(computed(_of_walk, list(product(FIELDS, seed_range(seeds))), "walks"))
     tracks, waits = together(tracks for tracks, _ in measured), together(waits for _, waits in measured)
     built = [tracks["as built", field, system] for system in SYSTEMS for field in FIELDS]
     return ExperimentResult(
@@ -212,7 +221,7 @@ def _recorded_rows(seeds: int) -> list[Row]:
             continue
         for number, system in product(range(OF_CAMERAS), SYSTEMS):
             case = CASES[number]
-            tracks = [_after(_tracked(case.change(walked, 0), system, seed), case.from_s) for seed in range(seeds)]
+            tracks = [_after(_tracked(case.change(walked, 0), system, seed), case.from_s) for seed in seed_range(seeds)]
             what = f"images, {case.name}" if number else "images"
             rows.append((f"{what}: {name}", walked.field.name, system, *_cells(tracks)))
     return rows

@@ -17,7 +17,7 @@ from touchline import palette
 from touchline.evaluation.points.bench import RIGHT_M, RIGHT_RAD, PointBench, bench_points
 from touchline.evaluation.points.localizers import point_localizer
 from touchline.evaluation.points.point_set import USUAL_NOISE, PointSet, polar_covariances
-from touchline.experiments.harness import NONE, Row, follow, interval, rate, tell
+from touchline.experiments.harness import NONE, Row, follow, interval, rate, seed_range, tell
 from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import BoolArray, FloatArray, Pose, wrap_angle
@@ -91,7 +91,7 @@ class PointRuns(NamedTuple):
 
 def point_runs(seeds: int) -> PointRuns:
     """Errors beside the bound, capture from afar, and the modes of the search."""
-    sets = [drawn_set(FULL, FRAMES, np.random.default_rng([seed, 15])) for seed in range(seeds)]
+    sets = [drawn_set(FULL, FRAMES, np.random.default_rng([seed, 15])) for seed in seed_range(seeds)]
     benches = {}
     for system in follow(BENCHED, "point sets"):
         benches[system] = [bench_points(points, point_localizer(system, points.field)) for points in sets]
@@ -99,7 +99,7 @@ def point_runs(seeds: int) -> PointRuns:
     far = [from_far(points, np.random.default_rng([seed, 16])) for seed, points in enumerate(sets)]
     kept = {}
     for view in follow(VIEWS, "searches of the field"):
-        drawn = (drawn_set(view, FRAMES, np.random.default_rng([seed, 17])) for seed in range(seeds))
+        drawn = (drawn_set(view, FRAMES, np.random.default_rng([seed, 17])) for seed in seed_range(seeds))
         kept[view.name] = [kept_modes(points) for points in drawn]
     return PointRuns(benches, far, kept)
 

@@ -8,7 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, rate, spread
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    interval,
+    rate,
+    seed_range,
+    spread,
+)
 from touchline.experiments.scenes import FIELD, MAGENTA, RED, new_figure, points_from
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
@@ -45,7 +55,7 @@ def searches(seeds: int, c_m: float | None = None, ideal: bool = False, paper: b
     matching = settings.matching if c_m is None else settings.matching.model_copy(update={"c_m": c_m})
     search = GlobalSearch(Matcher(field.distance_map(), matching), field.length, field.width, settings.global_search)
     found = []
-    for seed in follow(range(seeds), "searches"):
+    for seed in follow(seed_range(seeds), "searches"):
         rng = np.random.default_rng([seed, 7])
         truth = Pose(*PLACE, float(rng.uniform(-math.pi, math.pi)))
         points = points_from(truth, seed, ideal)

@@ -9,7 +9,17 @@ from matplotlib.figure import Figure
 
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, percent, spread
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    gathered,
+    percent,
+    seed_range,
+    spread,
+)
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, OURS, PAPER, RECORDINGS, tracked, walk
 from touchline.field import open_field
@@ -74,12 +84,12 @@ def cases() -> list[Case]:
 
 def schulz_accuracy(seeds: int) -> ExperimentResult:
     """Walks at the observation level, then the recordings."""
-    places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), range(seeds)))
+    places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), seed_range(seeds)))
     walks = gathered(_walked, places, "walks")
     tracks = {case: walks[case] for case in cases()}
-    false = list(product(FIELDS, range(seeds)))
+    false = list(product(FIELDS, seed_range(seeds)))
     with_false = gathered(_with_false, false, "walks, false crossings")
-    starts = list(product(FIELDS, range(seeds * STARTS_FROM_NOWHERE)))
+    starts = list(product(FIELDS, seed_range(seeds, STARTS_FROM_NOWHERE)))
     nowhere = gathered(_wait, starts, "starts from nowhere")
     recorded = recorded_rows()
     built = {case: some for case, some in tracks.items() if case.robot is humanoids.AS_BUILT and case.system == OURS}

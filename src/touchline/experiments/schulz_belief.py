@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from touchline.errors import TouchlineError
 from touchline.experiments import schulz_runs as humanoids
-from touchline.experiments.harness import ExperimentResult, Headline, follow, percent, spread
+from touchline.experiments.harness import ExperimentResult, Headline, follow, percent, seed_range, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, new_figure
 from touchline.experiments.schulz_runs import OURS, PAPER
 from touchline.field import FieldModel, open_field
@@ -65,7 +65,7 @@ class Seen(NamedTuple):
 def schulz_belief(seeds: int) -> ExperimentResult:
     """One frame per seed, the belief by four sets of features in both forms of the observation model."""
     field = open_field(FIELD)
-    seen = [chosen_frame(seed) for seed in follow(range(seeds), "frames")]
+    seen = [chosen_frame(seed) for seed in follow(seed_range(seeds), "frames")]
     shown = {panel: belief_of(field, seen[0].observation, panel, PAPER) for panel in PANELS}
     found = {
         (system, panel): [_summary(belief_of(field, s.observation, panel, system), s.pose) for s in seen]

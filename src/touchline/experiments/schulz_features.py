@@ -10,7 +10,16 @@ from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, ground_view
 from touchline.evaluation.feature_truth import Tally, TrueFeatures
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, share_text, together
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    seed_range,
+    share_text,
+    together,
+)
 from touchline.experiments.scenes import (
     BLUE,
     INK,
@@ -107,7 +116,7 @@ def table(name: str, scores: FeatureScores) -> list[Row]:
 
 def schulz_features(seeds: int) -> ExperimentResult:
     """Walks in the simulator, and both recordings where they are found."""
-    walks = [(name, number) for number in range(seeds * _PLACES) for name in FIELDS]
+    walks = [(name, number) for number in seed_range(seeds, _PLACES) for name in FIELDS]
     runs: list[tuple[str, str, int | None]] = [(field_name, "ours", seed) for field_name, seed in walks]
     runs += [(name, variant, None) for name in RECORDINGS if public_recording(name) for variant in VARIANTS]
     measured = together(

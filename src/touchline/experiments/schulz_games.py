@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track
-from touchline.experiments.harness import ExperimentResult, Headline, Row, gathered, percent
+from touchline.experiments.harness import ExperimentResult, Headline, Row, gathered, percent, seed_range
 from touchline.experiments.scenes import BLUE, MAGENTA, dots, field_axes, new_figure, way
 from touchline.experiments.schulz_runs import OURS, PAPER, right_of, tracked, walk
 from touchline.field import FieldModel, open_field
@@ -55,7 +55,7 @@ Games = Mapping[tuple[str, str], Sequence[Track]]  # by robot and system
 
 def schulz_games(seeds: int) -> ExperimentResult:
     """Fifty games of five seeds, each case plays the same ones."""
-    games = gathered(_played, range(seeds * GAMES), "games")
+    games = gathered(_played, seed_range(seeds, GAMES), "games")
     waited = _waited_s(games["as built", OURS])
     return ExperimentResult(
         "Section 6.3 of Schulz and Behnke 2012: games of two against two, with a fall",

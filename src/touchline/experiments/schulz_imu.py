@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from touchline.calibration.imu import ImuCalibration, calibrate_imu
 from touchline.camera import GroundView, PinholeCamera, ground_view
 from touchline.errors import InputError
-from touchline.experiments.harness import ExperimentResult, Headline, follow, spread
+from touchline.experiments.harness import ExperimentResult, Headline, follow, seed_range, spread
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
 from touchline.simulation.recording import write_recording
@@ -56,7 +56,7 @@ class Learned(NamedTuple):
 
 def schulz_imu(seeds: int) -> ExperimentResult:
     """One walk in place per seed."""
-    found = [learned(seed) for seed in follow(range(seeds), "walks in place")]
+    found = [learned(seed) for seed in follow(seed_range(seeds), "walks in place")]
     forms = [[each.equation_2 for each in found], [each.calibration for each in found]]
     before, after = ([getattr(each, name) for each in forms[1]] for name in ("before_px", "after_px"))
     rows = [

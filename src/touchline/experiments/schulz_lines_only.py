@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, percent, spread
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, percent, seed_range, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure, way
 from touchline.experiments.schulz_runs import OURS, PAPER, believed, tracked, walk
 from touchline.field import FieldModel, open_field
@@ -38,7 +38,7 @@ Tracks = Mapping[str, Track]  # by condition
 
 def schulz_lines_only(seeds: int) -> ExperimentResult:
     """Ten minutes per seed, three conditions."""
-    walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), range(seeds)))
+    walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), seed_range(seeds)))
     found = gathered(_tracks, walks, "walks")
     built = found[CASES[0]]
     pairs = ((ONLY, TRUTH), (ALL, ONLY))

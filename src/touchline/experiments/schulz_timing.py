@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, follow, spread, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, follow, seed_range, spread, together
 from touchline.experiments.scenes import BLUE, RED, new_figure, public_recording
 from touchline.experiments.schulz_runs import OURS, PAPER, SCENARIO, settings, start_about
 from touchline.geometry import FloatArray, Pose
@@ -72,7 +72,7 @@ def schulz_timing(seeds: int) -> ExperimentResult:
     """The images of a walk, once per seed."""
     images: Images | None = None
     passes: list[dict[tuple[str, str], FloatArray]] = []
-    for seed in follow(range(seeds), "passes"):
+    for seed in follow(seed_range(seeds), "passes"):
         images = images or _images()
         passes.append(times_us(images, seed))
     found = together(passes)

@@ -9,7 +9,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.config import PAPER, Settings, load_settings
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    percent,
+    seed_range,
+    spread,
+    together,
+)
 from touchline.experiments.iris_runs import IDEAL, open_iris
 from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, points_from, random_place
 from touchline.field import open_field
@@ -89,7 +99,7 @@ def _curve(title: str, lines: Sequence[tuple[FloatArray, str, float, str]], xlab
 def lu2013_timing(seeds: int) -> ExperimentResult:
     """1000 cycles of the particle part and of the matching part, each seed from another place; then the curve."""
     ours, ideal, paper = (
-        together(parts(seed) for seed in follow(range(seeds), name))
+        together(parts(seed) for seed in follow(seed_range(seeds), name))
         for parts, name in (
             (_lu_parts, "robots as built"), (partial(_lu_parts, ideal=True), "ideal robots"),
             (_paper_parts, "in the paper's form"),
@@ -234,7 +244,7 @@ def _counts_figure(curve_us: list[float]) -> Figure:
 def xiong_timing(seeds: int) -> ExperimentResult:
     """Whole frames, image to pose, on rendered images: once searching in every frame, once tracking."""
     built, ideal = (
-        together(_whole_frames(seed, best) for seed in follow(range(seeds), name))
+        together(_whole_frames(seed, best) for seed in follow(seed_range(seeds), name))
         for best, name in ((False, "drives"), (True, "ideal robots"))
     )
     searching, tracking = ((built[s, "ours"], built[s, "paper"], ideal[s, "ours"]) for s in (True, False))
@@ -290,7 +300,7 @@ def _frame_times(simulation: Simulation, frames: list[Frame], settings: Settings
 
 def iris_timing(seeds: int) -> ExperimentResult:
     """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
-    found = together(_iris_parts(seed) for seed in follow(range(seeds), "tours"))
+    found = together(_iris_parts(seed) for seed in follow(seed_range(seeds), "tours"))
     setup, frames = _tour(seeds - 1)
     points = float(np.mean([len(frame.observation.points) for frame in frames if frame.observation is not None]))
     counts = follow(PARTICLES, "numbers of particles")

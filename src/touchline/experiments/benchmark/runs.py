@@ -3,8 +3,6 @@
 import filecmp
 import json
 import math
-import os
-import platform
 import resource
 import shutil
 import time
@@ -17,15 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import touchline
 from touchline.errors import InputError
-from touchline.evaluation.latency import cpu_name
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.workers import Workers
 from touchline.experiments.benchmark.exchange import read_answers, read_start, track_of_answers, write_inputs
 from touchline.experiments.benchmark.scoring import DriveScore, score_of
 from touchline.experiments.benchmark.suite import MIRROR, Entry, Suite, digest
 from touchline.experiments.drives import Drive, drive_of, track_of
+from touchline.experiments.harness import about
 from touchline.experiments.scenes import public_recording
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text, text_lines
@@ -181,30 +178,6 @@ def answers_scored(task: tuple[Entry, Path]) -> list[Scored]:
 # --- files of results -------------------------------------------------------------------------------------------------
 
 
-def about(suite: Suite) -> dict[str, Any]:
-    """The first line of a file of results: suite, versions, machine."""
-    import scipy
-
-    versions = {"touchline": touchline.__version__, "python": platform.python_version()}
-    versions |= {"numpy": np.__version__, "scipy": scipy.__version__}
-    return {
-        "suite": suite.name,
-        "commit": commit(),
-        "versions": versions,
-        "machine": f"{cpu_name()}, {os.cpu_count()} cores",
-    }
-
-
-def commit() -> str:
-    """Of the source tree that this runs from; empty for an installed package."""
-    git = Path(__file__).parents[4] / ".git"
-    if not (git / "HEAD").is_file():
-        return ""
-    head = read_text(git / "HEAD", 1000).strip()
-    path = git / head.removeprefix("ref: ")
-    return (read_text(path, 1000).strip() if path.is_file() else head)[:12]
-
-
 def read_results(path: Path) -> tuple[dict[str, Any], list[Scored]]:
     """A file of results: what its first line says, and every drive. A last line that was cut off is left out.
 
@@ -293,7 +266,7 @@ def _begun(suite: Suite, path: Path) -> set[tuple[str, str]]:
     """Entries and systems that a file holds; a new one gets its first line."""
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(about(suite)) + "\n", encoding="utf-8")
+        path.write_text(json.dumps({"suite": suite.name} | about()) + "\n", encoding="utf-8")
         return set()
     head, found = read_results(path)
     if head["suite"] != suite.name:

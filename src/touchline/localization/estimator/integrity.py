@@ -449,7 +449,7 @@ def _largest(statistics: dict[str, float]) -> float:
 
 
 def _unseen_rad(turn: float, by_gyro: float) -> float:
-    """By how much (rad) the heading may be off by a turn that no image showed: the odometry's sign might be wrong, unless
+    """By how much (rad) a turn that no image showed may put the heading off: the odometry's sign might be wrong, unless
     the gyro (NaN: tells none) agrees.
     """
     agrees = abs(wrap_angle(by_gyro - turn)) < GYRO_RAD + GYRO_RATIO * abs(turn)
