@@ -394,7 +394,30 @@ def _slope(before: float, here: float, after: float) -> float:
     return ahead if np.isnan(behind) else 0.5 * (ahead + behind)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def shifted_ground(pixels, shift, constants, bearings, table, out):  # type: ignore[no-untyped-def]
+    """`ground_from_pixel` of pixels (N, 2), shifted by (u, v), into out (2, N); in a loop that becomes SIMD
+    instructions where the mirror is alike all round.
+    """
+    if len(bearings) > 1 or len(table) > 1:
+        for i in range(len(pixels)):
+            u, v = pixels[i, 0] + shift[0], pixels[i, 1] + shift[1]
+            out[0, i], out[1, i] = ground_from_pixel(u, v, constants, bearings, table)
+        return
+    c, ranges, xs, ys = constants, table[0, 0], out[0], out[1]
+    last = np.int32(len(ranges) - 2)
+    for i in range(len(pixels)):
+        du, dv = pixels[i, 0] + shift[0] - c[0], pixels[i, 1] + shift[1] - c[1]
+        radius = np.sqrt(du * du + dv * dv)
+        cosine, sine = (du / radius if radius > 0.0 else 1.0), (c[2] * dv / radius if radius > 0.0 else 0.0)
+        position = (radius - c[4]) / c[5]
+        k = np.int32(min(max(position, 0.0), float(last)))
+        f = position - k
+        distance = ranges[k] * (1.0 - f) + ranges[k + 1] * f if c[4] <= radius <= c[6] else np.nan
+        xs[i], ys[i] = distance * (c[7] * cosine - c[8] * sine), distance * (c[8] * cosine + c[7] * sine)
+
+
+@njit(cache=True, error_model="numpy")
 def covariances_of_pixels(
     pixels: FloatArray, noise: tuple[float, float], constants: FloatArray, bearings: FloatArray, table: FloatArray
 ) -> FloatArray:
@@ -403,16 +426,14 @@ def covariances_of_pixels(
     noise: variances of a pixel (px²) and of the ground (m²).
     """
     noise_px2, noise_m2 = noise
-    covariances = np.empty((len(pixels), 2, 2))
+    covariances, grounds = np.empty((len(pixels), 2, 2)), np.empty((5, 2, len(pixels)))
+    for k in range(5):
+        u, v = ((0.0, 0.0), (-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5))[k]
+        shifted_ground(pixels, (u, v), constants, bearings, table, grounds[k])
+    here, left, right, up, down = grounds[0], grounds[1], grounds[2], grounds[3], grounds[4]
     for i in range(len(pixels)):
-        u, v = pixels[i, 0], pixels[i, 1]
-        x, y = ground_from_pixel(u, v, constants, bearings, table)
-        left_x, left_y = ground_from_pixel(u - 0.5, v, constants, bearings, table)
-        right_x, right_y = ground_from_pixel(u + 0.5, v, constants, bearings, table)
-        up_x, up_y = ground_from_pixel(u, v - 0.5, constants, bearings, table)
-        down_x, down_y = ground_from_pixel(u, v + 0.5, constants, bearings, table)
-        x_u, y_u = _slope(left_x, x, right_x), _slope(left_y, y, right_y)
-        x_v, y_v = _slope(up_x, x, down_x), _slope(up_y, y, down_y)
+        x_u, y_u = _slope(left[0, i], here[0, i], right[0, i]), _slope(left[1, i], here[1, i], right[1, i])
+        x_v, y_v = _slope(up[0, i], here[0, i], down[0, i]), _slope(up[1, i], here[1, i], down[1, i])
         covariances[i, 0, 0] = noise_px2 * (x_u * x_u + x_v * x_v) + noise_m2
         covariances[i, 0, 1] = covariances[i, 1, 0] = noise_px2 * (x_u * y_u + x_v * y_v)
         covariances[i, 1, 1] = noise_px2 * (y_u * y_u + y_v * y_v) + noise_m2

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.camera.omni import ground_from_pixel
+from touchline.camera.omni import shifted_ground
 from touchline.matrices import copy_row
 from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
 from touchline.perception.path_samples import BODY, LEVEL, PathSamples
@@ -113,7 +113,7 @@ def _flank(values, classes, first, step):  # type: ignore[no-untyped-def]
     return level / number if darkest >= 0.7 * brightest else np.nan, blue / number, green / number, red / number
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped-def]
     """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
@@ -155,7 +155,7 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     return foot, base, found_blue, found_green, found_red
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[no-untyped-def]
     """As `_foot`, where the carpet ends at the line: an even floor, darker than the carpet (3,) on its other side.
 
@@ -354,6 +354,31 @@ def _size2(colour):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _place(path, found, limits, camera):  # type: ignore[no-untyped-def]
+    """Lay profiles on the ground, whose columns 2 and 3 are the edges as samples of the path: fill x, y, u, v and the
+    chord of found (M, COLUMNS); (M,) whether a line is so wide.
+    """
+    pixels, ground, kept = np.empty((2 * len(found), 2)), np.empty((2, 2 * len(found))), np.empty(len(found), np.bool_)
+    for i in range(2 * len(found)):
+        edge = found[i // 2, 2 + i % 2]
+        m = int(edge)
+        for a in range(2):
+            pixels[i, a] = path[m, a] + (edge - m) * (path[m + 1, a] - path[m, a])
+    shifted_ground(pixels, (0.0, 0.0), camera[0], camera[1], camera[2], ground)
+    for i in range(len(found)):
+        one, other = 2 * i, 2 * i + 1
+        chord = np.hypot(ground[0, one] - ground[0, other], ground[1, one] - ground[1, other])
+        blur = limits.blur_px * chord / (found[i, 3] - found[i, 2])
+        least = max(limits.min_chord_m - blur, 0.5 * limits.min_chord_m)
+        kept[i] = least <= chord <= limits.max_chord_m + blur
+        for a in range(2):
+            found[i, a] = 0.5 * (ground[a, one] + ground[a, other])
+            found[i, 2 + a] = 0.5 * (pixels[one, a] + pixels[other, a])
+        found[i, 5] = chord
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
 def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
     """Green-white-green profiles of all scan lines into out (M, COLUMNS); returns how many.
 
@@ -363,8 +388,7 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
     values, classes, count = samples.values, samples.classes, FLANK_PX
     green, white = paint
     toward = white - green
-    constants, bearings, ranges = camera
-    means, edges, ends = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4))
+    means, edges = np.zeros((2, 3)), np.zeros(2)
     rises, rise = _rises(values[LEVEL], limits.max_run_px), 0.5 * limits.min_contrast
     found = 0
     for p in range(len(starts) - 1):
@@ -395,19 +419,8 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
             least = 0.7 * limits.min_contrast * brightness
             if not _looks_white(values, middle, means, toward, least, limits.min_cosine):
                 continue
-            for side in range(2):
-                m = int(edges[side])
-                f = edges[side] - m
-                u, v = path[m, 0] + f * (path[m + 1, 0] - path[m, 0]), path[m, 1] + f * (path[m + 1, 1] - path[m, 1])
-                x, y = ground_from_pixel(u, v, constants, bearings, ranges)
-                ends[side, 0], ends[side, 1], ends[side, 2], ends[side, 3] = x, y, u, v
-            chord = np.hypot(ends[0, 0] - ends[1, 0], ends[0, 1] - ends[1, 1])
-            blur = limits.blur_px * chord / (edges[1] - edges[0])
-            if not max(limits.min_chord_m - blur, 0.5 * limits.min_chord_m) <= chord <= limits.max_chord_m + blur:
-                continue
-            for column in range(4):
-                out[found, column] = 0.5 * (ends[0, column] + ends[1, column])
-            out[found, 4], out[found, 5], out[found, 6] = height / brightness, chord, p
-            out[found, 7] = edges[1] - edges[0] if floor else 0.0
+            out[found, 2], out[found, 3], out[found, 4] = edges[0], edges[1], height / brightness
+            out[found, 6], out[found, 7] = p, edges[1] - edges[0] if floor else 0.0
             found += 1
+    found = keep(out, _place(path, out[:found], limits, camera))
     return keep(out, on_one_line(out[:found], ROW_M, ROW_ASIDE_M, ROW_POINTS)) if limits.dark_floor else found
