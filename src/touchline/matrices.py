@@ -4,9 +4,11 @@ Loops and no array expressions, here and where these are used: an assignment to 
 """
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 
 @njit(cache=True)
@@ -36,6 +38,22 @@ def inverse(matrix):  # type: ignore[no-untyped-def]
                     left[i, j] -= factor * left[k, j]
                     right[i, j] -= factor * right[k, j]
     return right
+
+
+def _uncounted(typingctx, array):  # type: ignore[no-untyped-def]
+    """An array whose references nobody counts, for loops that call functions with it: each call would count, which
+    takes as long as a dozen sums. Of arguments alone: a local array would be freed after its own last use.
+    """
+
+    def without_owner(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        view.meminfo = context.get_constant_null(types.voidptr)
+        return view._getvalue()
+
+    return array(array), without_owner
+
+
+uncounted: Any = intrinsic(_uncounted)
 
 
 @njit(cache=True)

@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 
 from touchline.camera.omni import shifted_ground
-from touchline.matrices import copy_row
+from touchline.matrices import copy_row, uncounted
 from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
-from touchline.perception.path_samples import BODY, LEVEL, PathSamples
+from touchline.perception.path_samples import BODY, LEVEL
 
 FLANK_PX = 4  # length of the green wanted on both sides of a line: averages noise, fits between two lines
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
@@ -229,20 +229,27 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _falls(values, peak, limits, span):  # type: ignore[no-untyped-def]
-    """Whether the level falls on both sides, tried at a few distances: most maxima are noise of the green."""
-    least = 0.5 * limits.min_contrast
-    for side in range(2):
-        step, distance, fallen = 2 * side - 1, 2, False
-        while not fallen and distance < limits.max_run_px:
-            k = peak + step * distance
-            if k < span[0] or k >= span[1]:
-                return False
-            fallen = values[LEVEL, peak] - values[LEVEL, k] >= least
-            distance += distance // 3 + 1
-        if not fallen:
-            return False
-    return True
+def _distances(reach):  # type: ignore[no-untyped-def]
+    """(D,) from a peak, in samples, at which `_falls` tries the level: within a reach, ever farther apart."""
+    distances, count, distance = np.empty(reach, np.int64), 0, 2
+    while distance < reach:
+        distances[count] = distance
+        count, distance = count + 1, distance + distance // 3 + 1
+    return distances[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def _falls(levels, peak, distances, least, span):  # type: ignore[no-untyped-def]
+    """Whether the level falls by `least` on both sides of a peak: most maxima are noise of the green.
+
+    All distances are tried: where the level falls is more than a processor can predict.
+    """
+    before = after = False
+    for k in range(len(distances)):
+        low, high = peak - distances[k], peak + distances[k]
+        before |= levels[peak] - levels[low if low >= span[0] else peak] >= least
+        after |= levels[peak] - levels[high if high < span[1] else peak] >= least
+    return before and after
 
 
 @njit(cache=True, error_model="numpy")
@@ -379,17 +386,18 @@ def _place(path, found, limits, camera):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
+def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
     """Green-white-green profiles of all scan lines into out (M, COLUMNS); returns how many.
 
     path (N, 2), starts, closed: ScanLines. samples: PathSamples. paint: green and white (3,), learned. limits:
     ProfileLimits. camera: constants, bearings, ranges of the OmniCamera's look-up.
     """
-    values, classes, count = samples.values, samples.classes, FLANK_PX
+    values, classes, count = uncounted(samples.values), uncounted(samples.classes), FLANK_PX
     green, white = paint
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
-    rises, rise = _rises(values[LEVEL], limits.max_run_px), 0.5 * limits.min_contrast
+    levels, distances = values[LEVEL], _distances(limits.max_run_px)
+    rises, rise = _rises(levels, limits.max_run_px), 0.5 * limits.min_contrast
     found = 0
     for p in range(len(starts) - 1):
         span = (starts[p], starts[p + 1])
@@ -404,7 +412,7 @@ def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits
             top = values[LEVEL, peak]
             if top < values[LEVEL, peak - 1] or top < values[LEVEL, peak + 1] or classes[peak] == BODY:
                 continue
-            if not _falls(values, peak, limits, span):
+            if not _falls(levels, peak, distances, rise, span):
                 continue
             height, floor = _edges(values, classes, peak, limits, span, means, edges)
             if height <= 0.0:
