@@ -15,8 +15,8 @@ import pytest
 
 from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
+from touchline.evaluation.outside_program import OutsideProgram
 from touchline.evaluation.points.localizers import ByRprop, point_localizer, point_systems
-from touchline.evaluation.points.outside_program import OutsideProgram
 from touchline.evaluation.points.point_set import PointSet, read_point_set
 from touchline.geometry import Pose
 from touchline.localization.registration.registration import Registration
@@ -146,6 +146,52 @@ def test_a_program_that_answers_wrong_is_told(point_set: PointSet, program: str,
         pytest.raises(TouchlineError, match=told),
     ):
         outside.from_nothing(point_set.points[0])
+
+
+KNOWS = """
+import math, sys
+poses = {}
+for line in open(sys.argv[1]):
+    t, x, y, _, _, _, s, c = map(float, line.split())
+    poses[round(t, 2)] = x, y, 2.0 * math.atan2(s, c)
+head = sys.stdin.readline().split()
+for _ in range(int(head[2]) + int(head[3])):
+    sys.stdin.readline()
+for line in sys.stdin:
+    kind, stamp_s, steps, rows = line.split()
+    assert kind == "image"
+    moved = [sys.stdin.readline().split() for _ in range(int(steps))]
+    assert all(len(step) == 4 and float(step[0]) <= float(stamp_s) + 0.1 for step in moved)
+    seen = [sys.stdin.readline().split(",")[0] for _ in range(int(rows))]
+    kinds = "line L T X post penalty_mark centre_circle none boundary"
+    assert seen and set(seen) <= set(kinds.split()), seen
+    print("none" if float(stamp_s) < 0.5 else " ".join(map(repr, poses[round(float(stamp_s), 2)])), flush=True)
+"""
+
+
+def test_a_program_follows_a_recording_image_by_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walk, knows = Path(__file__).parent / "data" / "mujoco" / "percepts", tmp_path / "knows.py"
+    knows.write_text(KNOWS)
+    command = shlex.join([sys.executable, str(knows), str(walk / "ground_truth.tum")])
+    assert main(["bench", str(walk), "--program", command, "--json"]) == 0
+    tree = json.loads(capsys.readouterr().out)
+    assert tree["system"] == command
+    (row,) = tree["recordings"]
+    assert row["images"] > 20
+    assert row["max_position_m"] < 0.02
+    assert row["tracked"] == 1.0  # from the first pose on
+
+
+def test_the_example_stream_answers_with_the_odometry(capsys: pytest.CaptureFixture[str]) -> None:
+    walk = Path(__file__).parent / "data" / "mujoco" / "percepts"
+    assert main(["bench", str(walk), "--program", shlex.join([sys.executable, str(EXAMPLES / "stream.py")])]) == 0
+    assert "percepts" in capsys.readouterr().out
+
+
+def test_a_program_takes_no_images(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = shlex.join([sys.executable, str(EXAMPLES / "stream.py")])
+    assert main(["bench", str(small_data / "omni_msl_track"), "--program", command]) == 2
+    assert "observations.csv" in capsys.readouterr().err
 
 
 def test_a_program_that_is_none_is_told(small_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,6 +46,9 @@ OnlyRows = Annotated[
 ResultsFile = Annotated[
     Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
 ]
+Program = Annotated[
+    str | None, typer.Option(metavar="COMMAND", help="A localizer of your own instead: it answers lines.")
+]
 Quick = Annotated[bool, typer.Option("--quick", help="A tenth of the robots.")]
 
 
@@ -155,15 +158,18 @@ def score(
     _tell(of, results)
 
 
+def _check_one(system: str | None, program: str | None) -> None:
+    if system is not None and program is not None:
+        raise InputError("--system and --program exclude each other")
+
+
 @bench_app.command("points")
 def points(
     file: Annotated[Path, typer.Argument(metavar="FILE.npz", help="A point set.")],
     system: Annotated[
         str | None, typer.Option(help="touchline (the default), or a system for omnidirectional cameras.")
     ] = None,
-    program: Annotated[
-        str | None, typer.Option(metavar="COMMAND", help="A localizer of your own instead: it answers lines.")
-    ] = None,
+    program: Program = None,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Localise every frame of a point set: from a start, from the compass alone, from nothing.
@@ -171,8 +177,7 @@ def points(
     Mean errors, how many times the Cramér-Rao bound, share of right poses (20 cm, 5°; from nothing or
     the twin), time.
     """
-    if system is not None and program is not None:
-        raise InputError("--system and --program exclude each other")
+    _check_one(system, program)
     from touchline.evaluation.points.localizers import OWN, point_systems
     from touchline.evaluation.points.point_set import read_point_set
     from touchline.messages import did_you_mean
@@ -193,6 +198,7 @@ def points(
 def recordings(
     folders: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings that hold the truth.")],
     system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
+    program: Program = None,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     workers: WorkerCount = 1,
     dask: DaskAddress = None,
@@ -205,19 +211,21 @@ def recordings(
     from touchline.evaluation.workers import open_workers
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
+    _check_one(system, program)
     name = system_info(system or DEFAULT_SYSTEM).name
     with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
-        scores = list(hands.map(partial(bench_recording, system=name), [folder.resolve() for folder in folders]))
+        bench = partial(bench_recording, system=name, program=program)
+        scores = list(hands.map(bench, [folder.resolve() for folder in folders]))
     if json:
-        print_json({"system": name, "recordings": [score.to_dict() for score in scores]})
+        print_json({"system": program or name, "recordings": [score.to_dict() for score in scores]})
     else:
         wide_output().print(_recording_table(scores))
 
 
 def _bench_with_progress(points: PointSet, name: str, program: str | None) -> PointBench:
+    from touchline.evaluation.outside_program import OutsideProgram
     from touchline.evaluation.points.bench import bench_points
     from touchline.evaluation.points.localizers import point_localizer
-    from touchline.evaluation.points.outside_program import OutsideProgram
 
     with (
         steps_shown("localising", 3 * len(points), compiles=True) as advance,

@@ -1,6 +1,8 @@
 """How well a system localises a recording that holds the truth: figures in one row."""
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -9,13 +11,14 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.evaluation.metrics import associate, error_table
+from touchline.evaluation.outside_program import OutsideProgram
 from touchline.evaluation.runner import robot_setup
 from touchline.geometry import Pose
 from touchline.perception.covered import is_covered
-from touchline.sources import open_source
+from touchline.sources import Recording, open_source
 from touchline.systems import open_system
 from touchline.systems.ordered import OrderedSystem
-from touchline.types import Samples, Status
+from touchline.types import Frame, Samples, Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,28 +41,54 @@ class RecordingScore:
         return asdict(self)
 
 
-def bench_recording(folder: Path, system: str) -> RecordingScore:
-    """Run a system over a recording, from nothing. Raises InputError for one without true poses."""
+Step = Callable[[Frame], tuple[Pose | None, bool]]  # the pose, and whether it is tracked
+
+
+@contextmanager
+def opened(source: Recording, system: str, program: str | None) -> Iterator[Step]:
+    """A system, or a program that is asked image by image, whose every pose counts as tracked."""
+    if program is None:
+        stepped = OrderedSystem(open_system(system, robot_setup(source)))
+
+        def step(frame: Frame) -> tuple[Pose | None, bool]:
+            estimate = stepped.step(frame)
+            return estimate.pose, estimate.status is Status.TRACKING
+
+        yield step
+        return
+    with OutsideProgram(program, source.field) as outside:
+
+        def ask(frame: Frame) -> tuple[Pose | None, bool]:
+            if frame.observation is None:
+                raise InputError(f"{source.name}: holds images; --program takes recordings with observations.csv")
+            pose = outside.at_image(frame)
+            return pose, pose is not None
+
+        yield ask
+
+
+def bench_recording(folder: Path, system: str, program: str | None = None) -> RecordingScore:
+    """Run a system, or a program, over a recording, from nothing. Raises InputError for one without true poses."""
     source = open_source(folder)
     if source.truth is None:
         raise InputError(f"{folder}: holds no true poses (ground_truth.tum) to compare with")
-    stepped = OrderedSystem(open_system(system, robot_setup(source)))
     stamps: list[int] = []
     poses: list[Pose] = []
     tracked: list[bool] = []
     black: list[tuple[int, int]] = []
     times_s: list[float] = []
-    for frame in source:
-        begun_s = time.perf_counter()
-        estimate = stepped.step(frame)
-        times_s.append(time.perf_counter() - begun_s)
-        if stamps and estimate.stamp_ns <= stamps[-1]:
-            continue
-        stamps.append(estimate.stamp_ns)
-        poses.append(estimate.pose)
-        tracked.append(estimate.status is Status.TRACKING)
-        if frame.image is not None and is_covered(frame.image):
-            black.append((estimate.stamp_ns, estimate.stamp_ns))
+    with opened(source, system, program) as step:
+        for frame in source:
+            begun_s = time.perf_counter()
+            pose, sure = step(frame)
+            times_s.append(time.perf_counter() - begun_s)
+            if stamps and frame.stamp_ns <= stamps[-1]:
+                continue
+            stamps.append(frame.stamp_ns)
+            poses.append(pose or (poses[-1] if poses else Pose(0.0, 0.0, 0.0)))
+            tracked.append(sure)
+            if frame.image is not None and is_covered(frame.image):
+                black.append((frame.stamp_ns, frame.stamp_ns))
     trajectory = Samples(np.array(stamps, np.int64), np.array(poses, np.float64).reshape(-1, 3))
     truth, located = source.truth.samples(), np.array(tracked, np.bool_)
     errors = error_table(trajectory, truth, located=located, black_ns=black)

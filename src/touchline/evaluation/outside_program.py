@@ -9,6 +9,10 @@ First the field, then one line for each question; the program answers each with 
     init X Y HEADING N x1 y1 … xN yN        where does the robot stand? begin at this pose; N points, robot frame
     compass HEADING N x1 y1 … xN yN         the same, with nothing but a heading
     none N x1 y1 … xN yN                    the same, with nothing
+    image T M N                             where is the robot at the time T (s) of an image? M lines of odometry since
+                                            the image before follow, and N of what it shows
+    T X Y HEADING                           odometry (s, m, m, rad), in a frame of its own
+    kind,x_m,y_m,…                          a row of observations.csv without its time
 
     X Y HEADING                             the answer (m, rad, field frame), or the word none
 """
@@ -21,13 +25,14 @@ from typing import Self
 from touchline.errors import InputError, TouchlineError
 from touchline.field import FieldModel
 from touchline.geometry import Pose
-from touchline.types import LinePoints
+from touchline.sources.observations import observation_rows
+from touchline.types import Frame, LinePoints
 
 _MAX_ANSWER = 1000
 
 
 class OutsideProgram:
-    """A program as a localizer of points. It is started at once, and ended by `close` or at the end of the block."""
+    """A program as a localizer. It is started at once, and ended by `close` or at the end of the block."""
 
     def __init__(self, command: str, field: FieldModel) -> None:
         """command: the program with its arguments, as in a shell. Raises InputError for one that does not start."""
@@ -66,9 +71,22 @@ class OutsideProgram:
     def from_nothing(self, points: LinePoints) -> Pose | None:
         return self._ask("none", points)
 
+    def at_image(self, frame: Frame) -> Pose | None:
+        """Of a frame that holds an observation. Its questions make up a stream: the program may remember."""
+        assert frame.observation is not None
+        rows = [row.partition(",")[2] for row in observation_rows(frame.observation)]
+        log = frame.odometry
+        moved = () if log is None else zip((1e-9 * log.stamp_ns).tolist(), log.values.tolist(), strict=True)
+        steps = [" ".join(map(repr, (stamp_s, *values))) for stamp_s, values in moved]
+        return self._answer("\n".join([f"image {1e-9 * frame.stamp_ns!r} {len(steps)} {len(rows)}", *steps, *rows]))
+
     def _ask(self, begin: str, points: LinePoints) -> Pose | None:
         numbers = " ".join(map(repr, points.positions_m.ravel().tolist()))
-        self._tell(f"{begin} {len(points)} {numbers}\n")
+        return self._answer(f"{begin} {len(points)} {numbers}")
+
+    def _answer(self, question: str) -> Pose | None:
+        begin = question.partition("\n")[0][:40]
+        self._tell(question + "\n")
         assert self._process.stdout is not None
         answer = self._process.stdout.readline(_MAX_ANSWER)
         if not answer.endswith("\n"):
