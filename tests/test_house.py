@@ -513,7 +513,7 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
     # and a page to mark images on, on the loopback alone; the viewer that is an extra, and its page, there, too
     assert found == {
         "view/marking/server.py": ["http.server"],
-        "evaluation/points/outside_program.py": ["subprocess"],
+        "evaluation/outside_program.py": ["subprocess"],
         "live/bridge.py": ["socket"],
         "live/udp.py": ["socket"],
         "view/viewer/page_server.py": ["http.client", "http.server"],
