@@ -40,17 +40,27 @@ def inverse(matrix):  # type: ignore[no-untyped-def]
     return right
 
 
-def _uncounted(typingctx, array):  # type: ignore[no-untyped-def]
-    """An array whose references nobody counts, for loops that call functions with it: each call would count, which
-    takes as long as a dozen sums. Of arguments alone: a local array would be freed after its own last use.
+def _uncounted(typingctx, arrays):  # type: ignore[no-untyped-def]
+    """An array, or a tuple that holds some, whose references nobody counts: for loops that call functions with it, as
+    each call would count, which takes as long as a dozen sums. Whoever owns it has to outlive that use: arguments do,
+    and local arrays in a loop that goes on with them.
     """
 
-    def without_owner(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        view = context.make_array(signature.args[0])(context, builder, args[0])
-        view.meminfo = context.get_constant_null(types.voidptr)
-        return view._getvalue()
+    def without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, types.Array):
+            view = context.make_array(kind)(context, builder, value)
+            view.meminfo = context.get_constant_null(types.voidptr)
+            return view._getvalue()
+        parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
+        for k, part in enumerate(parts):
+            inner = without_owner(context, builder, part, builder.extract_value(value, k))
+            value = builder.insert_value(value, inner, k)
+        return value
 
-    return array(array), without_owner
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return without_owner(context, builder, signature.args[0], args[0])
+
+    return arrays(arrays), generate
 
 
 uncounted: Any = intrinsic(_uncounted)

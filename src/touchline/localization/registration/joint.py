@@ -31,7 +31,7 @@ from touchline.localization.camera_errors.base import (
 )
 from touchline.localization.registration.feature_model import PointFeatures, best_place
 from touchline.localization.registration.kernels import MIN_RANGE2_M2, RANGE2, XX, XY, YY, points_of
-from touchline.matrices import applied, inverse, log_determinant
+from touchline.matrices import applied, inverse, log_determinant, uncounted
 
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _TINY2_M2 = 1e-12
@@ -147,6 +147,7 @@ def _add_points(seen, points, pose, camera, plan, width_m, rows, counts):  # typ
     """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: its `terms_at` the state, and what
     `prepare` has made of the points.
     """
+    seen, points, pose, camera, rows, counts = uncounted((seen, points, pose, camera, rows, counts))
     terms, prepared = camera
     states, room = rows.shape[0] - 3, points.room
     for chunk in range(points.rows.shape[0]):
@@ -176,6 +177,7 @@ def _add_features(seen, tables, room, pose, camera, width_m, rows, counts):  # t
     """Rows of crossings and landmarks, each taken for the nearest of its kind; arguments as of `_add_points`, and
     `chunks_of` them with the camera.
     """
+    seen, tables, room, pose, camera, rows = uncounted((seen, tables, room, pose, camera, rows))
     terms, prepared, chunks = camera
     points, first, states = seen.features, seen.positions_m.shape[0], rows.shape[0] - 3
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])

@@ -12,7 +12,7 @@ import numpy as np
 
 from touchline.field.offset_map import CHUNK, Lookup, look_up_offsets, lookup_of
 from touchline.geometry import FloatArray
-from touchline.matrices import copy_row
+from touchline.matrices import copy_row, uncounted
 
 _DAMPING = 1.0  # 1/m²: a step along what no line observes; a single point at 0.1 m weighs a hundred times as much
 MIN_RANGE2_M2 = 0.01  # added to squared ranges: beside the robot they are no measure of noise
@@ -153,6 +153,7 @@ def _step(points, pose, plan, width_m):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def _descend(points, pose, plan):  # type: ignore[no-untyped-def]
     """Move a pose (3,), in place, by one step of each width."""
+    points, pose = uncounted((points, pose))
     for k in range(plan.widths_m.shape[0]):
         dx, dy, dh = _step(points, pose, plan, plan.widths_m[k])
         pose[0] += dx
@@ -163,6 +164,7 @@ def _descend(points, pose, plan):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _judged(points, pose, plan):  # type: ignore[no-untyped-def]
     """The `Fit` at a pose."""
+    points = uncounted(points)
     information, room = np.zeros((3, 3)), points.room
     place = (pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2]))
     explained = squares = total = log_likelihood = 0.0

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from touchline.geometry import FloatArray
+from touchline.matrices import uncounted
 
 CELL_M, PER_CELL = 0.12, 3  # points of a square are one, their mean, where there are more of them
 NEAR_M, NEARBY = 0.3, 8.0  # so many points so near count, however many there are
@@ -67,7 +68,7 @@ def cells_of(points, size_m):  # type: ignore[no-untyped-def]
     cells, slots = np.zeros((rows, 3), dtype=np.int64), np.empty(points.shape[0], dtype=np.int64)
     for i in range(points.shape[0]):
         x, y = math.floor(points[i, 0] / size_m), math.floor(points[i, 1] / size_m)
-        k = slot(cells, x, y)
+        k = slot(uncounted(cells), x, y)
         cells[k, 0], cells[k, 1] = x, y
         cells[k, 2] += 1
         slots[i] = k
@@ -145,7 +146,7 @@ def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
 def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
     """(N,) factors of the weights by neighbours: for density, and for how alike a line it is; (N,) which are radial."""
     cells, slots = cells_of(points, NEAR_M)
-    n = points.shape[0]
+    n, points = points.shape[0], uncounted(points)
     first, after = np.full(cells.shape[0], -1), np.empty(n, dtype=np.int64)
     density, ratios, radial = np.ones(n), np.full(n, -1.0), np.zeros(n, dtype=np.bool_)
     xs, ys = np.empty(n), np.empty(n)
@@ -159,7 +160,7 @@ def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
         half_m = min(half_m, MAX_REACH_M / STRIP_RATIO)
         if found.shape[0] < ends[i] + n:
             found = np.concatenate((found, np.empty(found.shape[0] + n, dtype=np.int64)))
-        lists, reach_m = (cells, first, after, found, ends[i]), max(NEAR_M, STRIP_RATIO * half_m)
+        lists, reach_m = uncounted((cells, first, after, found, ends[i])), max(NEAR_M, STRIP_RATIO * half_m)
         ends[i + 1] = _neighbours(points, i, slots[i], lists, reach_m)
         nearby, k = weights[i], ends[i + 1] - ends[i]
         for m in range(k):
@@ -170,7 +171,7 @@ def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
         if nearby > NEARBY:
             density[i] = NEARBY / nearby
         if k >= MIN_NEIGHBOURS:
-            best, length, direction = _strip(xs[:k], ys[:k], half_m)
+            best, length, direction = _strip(uncounted(xs)[:k], uncounted(ys)[:k], half_m)
             ratios[i] = best / k if length >= MIN_LENGTH_M else 0.0
             across = abs(_COSINES[direction] * y - _SINES[direction] * x)
             radial[i] = across < RADIAL_SINE * math.sqrt(x * x + y * y)
