@@ -396,6 +396,8 @@ class Localizer:
     def _measured(self, seen: Observation) -> Observation:
         """What of an observation is a measurement; the rest is counted."""
         usable = seen.usable(self._max_range_m)
+        if usable is seen:
+            return seen
         for kind, one in _SEEN.items():
             if lost := len(getattr(seen, kind)) - len(getattr(usable, kind)):
                 self._counts.add(f"{kind}: a {one} that is no measurement, left out", lost)
@@ -442,6 +444,8 @@ class Localizer:
     def _finished(self, estimate: Estimate) -> Estimate:
         """The estimate, with what was wrong since the one before."""
         so_far = self._counts.so_far()
+        if so_far == self._told:
+            return estimate
         new = so_far - self._told
         self._told = so_far
         problems = tuple(what if count == 1 else f"{what} ({count} times)" for what, count in new.items())

@@ -48,7 +48,8 @@ def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.i
         return Observation(frame.stamp_ns, problem=f"the observation is {_kind(frame.observation)}, not an Observation")
     if frame.observation is not None:
         # whatever clock the robot's own detector has, the observation belongs to this frame
-        return replace(frame.observation, stamp_ns=frame.stamp_ns).usable(max_range_m)
+        seen, stamp_ns = frame.observation, frame.stamp_ns
+        return (seen if seen.stamp_ns == stamp_ns else replace(seen, stamp_ns=stamp_ns)).usable(max_range_m)
     if detector is None:
         return Observation(frame.stamp_ns)
     if frame.image is None:

@@ -161,7 +161,7 @@ class Integrity:
     def is_consistent(self, min_share: float) -> bool:
         """Whether nothing contradicts the pose, which explains at least this share of what is seen."""
         newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
-        late_m = abs(self.lag_s) * float(np.hypot(*self._velocity[:2]))
+        late_m = abs(self.lag_s) * math.hypot(*self._velocity[:2].tolist()) if self.lag_s else 0.0
         return self.verdict.images and sum(newest) >= min_share * len(newest) and late_m < MAX_LATE_M
 
     @property
