@@ -316,7 +316,7 @@ class Integrity:
             self.confirmed, self._contradicted = False, True
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0
-        self._turns_proved = self._turns_proved or (self.relation.confirms and self.relation.turns)
+        self._turns_proved = self._turns_proved or (self.relation.turns and self.relation.confirms)
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
 

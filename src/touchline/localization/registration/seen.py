@@ -43,7 +43,7 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
         covariances_m2,
         shares,
         noise,
-        found._replace(positions_m=found.positions_m.copy()),
+        found._replace(positions_m=found.positions_m.copy()) if len(found.positions_m) else found,
         np.ascontiguousarray(found.positions_m),
         FEATURE_SHARE,
         line_ratio,
