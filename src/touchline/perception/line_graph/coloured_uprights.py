@@ -6,6 +6,7 @@ come. Their axis and their foot are found in the whole image.
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ _MAX_BESIDE = 0.8  # of its rows: its colour may go on there, a crossbar or some
 _LONG_ROWS = 9  # from so many rows on a band has two at least
 _EQUAL_BANDS = 2.0
 _MAX_UPRIGHTS, _MAX_BANDS = 20, 5
-_U, _V, _HEIGHT, _WIDTH, _CUT, _BANDS = range(6)  # columns of what is found; the colours of the bands follow
+_U, _V, _X, _Y, _HEIGHT, _WIDTH, _CUT, _BANDS = range(8)  # columns of what is found; the colours of the bands follow
 _LOW_ROWS, _PER_ROW = 10, 2  # rows of cells that tell the axis, and rows of pixels in each
 _ACROSS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the width: where it is looked for its foot
 _BELOW_PX = 6  # and as much as a line's paint: what is looked at below the foot
@@ -66,19 +67,25 @@ def coloured_uprights(
     pixels: Pixels, classes: ColourClasses, structure: Structure, plane: ImagePlane, field: FieldModel
 ) -> list[Upright]:
     """Everything upright in the colours of the field's posts and poles; feet are those of their front."""
-    coloured = [post for post in field.posts if set(post.colors_from_ground) & set(COLOURS)]
-    if not coloured:
+    limits = _limits(field)
+    if limits is None:
         return []
-    limits = np.array([min(post.height for post in coloured), max(post.diameter for post in coloured)])
     found = np.empty((_MAX_UPRIGHTS, _BANDS + 1 + _MAX_BANDS))
     count = _find(pixels, classes.tables[0], structure.counts, structure.ends, plane, limits, found)
     uprights = []
     for row in found[:count]:
-        x, y = plane_from_pixel(plane.lens, row[_U], row[_V])
-        place = np.array(transformed(plane.ground, x, y))
         colors = tuple(_NAMES[int(code)] for code in row[_BANDS + 1 : _BANDS + 1 + int(row[_BANDS])])
-        uprights.append(Upright(place, row[:2].copy(), colors, bool(row[_CUT]), *row[[_HEIGHT, _WIDTH]].tolist()))
+        uprights.append(
+            Upright(row[[_X, _Y]], row[:2].copy(), colors, bool(row[_CUT]), *row[[_HEIGHT, _WIDTH]].tolist())
+        )
     return uprights
+
+
+@lru_cache(maxsize=16)
+def _limits(field: FieldModel) -> tuple[float, float] | None:
+    """Least height and greatest diameter (m) of the coloured posts and poles."""
+    coloured = [post for post in field.posts if set(post.colors_from_ground) & set(COLOURS)]
+    return (min(post.height for post in coloured), max(post.diameter for post in coloured)) if coloured else None
 
 
 @njit(cache=True, error_model="numpy")
@@ -88,7 +95,7 @@ def _find(
     counts: CountArray,
     ends: FloatArray,
     plane: ImagePlane,
-    limits: FloatArray,
+    limits: tuple[float, float],
     found: FloatArray,
 ) -> int:
     """Look for uprights; limits: least height, greatest diameter (m). Fills rows of found, and returns how many."""
@@ -151,7 +158,7 @@ def _measure(
     counts: CountArray,
     ends: FloatArray,
     plane: ImagePlane,
-    limits: FloatArray,
+    limits: tuple[float, float],
     cells: IntArray,
     out: FloatArray,
 ) -> bool:
@@ -190,7 +197,7 @@ def _measure(
     if not _foot(pixels, table, plane, spans[:size], bottom, out):
         return False
     x, y = plane_from_pixel(plane.lens, out[_U], out[_V])
-    px, py = transformed(plane.ground, x, y)
+    px, py = out[_X], out[_Y] = transformed(plane.ground, x, y)
     distance = math.hypot(px - plane.foot[0], py - plane.foot[1])
     column = min(max(int(out[_U] / CELL_PX), 0), columns - 1)
     if not math.isfinite(distance) or rows - bottom > ends[column] + 1.0:

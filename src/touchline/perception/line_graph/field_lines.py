@@ -11,8 +11,8 @@ from touchline.matrices import copy_row
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
-    ground_covariances,
     grounds_from_pixels,
+    measured_grounds,
     pixels_from_planes,
     planes_from_pixels,
     transformed,
@@ -103,13 +103,11 @@ def _without_faint(found: FoundLines) -> FoundLines:
 def lines_on_ground(found: FoundLines, plane: ImagePlane, settings: LineGraphSettings) -> tuple[Lines, LinePoints]:
     """The lines and their points in the robot frame."""
     uv = pixels_from_planes(plane.lens, found.planes.reshape(-1, 2))
-    covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m).reshape(-1, 2, 2, 2)
-    ground: FloatArray = grounds_from_pixels(plane, uv).reshape(-1, 2, 2)
-    lines = Lines(ground, covariances, found.confidences, uv.reshape(-1, 2, 2))
-    at = np.ascontiguousarray(found.points[:, :2])
-    noise = ground_covariances(plane, at, settings.noise_px, settings.noise_m)
-    sure = np.clip(found.points[:, 3], 0.0, 1.0)
-    return lines, LinePoints(grounds_from_pixels(plane, at), noise, sure, at)
+    ground, covariances = measured_grounds(plane, uv, settings.noise_px, settings.noise_m)
+    lines = Lines(ground.reshape(-1, 2, 2), covariances.reshape(-1, 2, 2, 2), found.confidences, uv.reshape(-1, 2, 2))
+    at = found.points[:, :2].copy()
+    ground, covariances = measured_grounds(plane, at, settings.noise_px, settings.noise_m)
+    return lines, LinePoints(ground, covariances, np.minimum(np.maximum(found.points[:, 3], 0.0), 1.0), at)
 
 
 def cell_pixels(places: FloatArray) -> FloatArray:

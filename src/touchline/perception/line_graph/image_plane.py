@@ -179,6 +179,14 @@ def ground_covariances(plane: ImagePlane, pixels: FloatArray, noise_px: float, n
 
 
 @njit(cache=True, error_model="numpy")
+def measured_grounds(
+    plane: ImagePlane, pixels: FloatArray, noise_px: float, noise_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """`grounds_from_pixels` and `ground_covariances`."""
+    return grounds_from_pixels(plane, pixels), ground_covariances(plane, pixels, noise_px, noise_m)
+
+
+@njit(cache=True, error_model="numpy")
 def horizon_rows(plane: ImagePlane, columns: int, rows: int, out: FloatArray) -> None:
     """The highest row of cells in each column that sees ground, into out (columns,)."""
     for column in range(columns):

@@ -18,7 +18,7 @@ from touchline.perception.line_graph.profiles import Pixels, is_carpet, signal_a
 from touchline.types import Lines
 
 _BEYOND_M = 0.3  # a line that was found may end short of a post
-_STEP = 0.15  # of a post's diameter
+_STEP, _COARSE = 0.15, 4  # of a post's diameter; where one in so many of these places is not white, no post is
 _SAMPLES = 32  # up the post
 _MIN_HEIGHT, _FOOT, _MAX_HEIGHT = -0.25, 0.25, 1.3  # of its height: what is looked at, and the top of its foot
 _MIN_FREE, _FIRST = 0.08, 0.05  # of its height below and above 0: there is the line
@@ -66,10 +66,16 @@ def _find(
     for ends in lines:
         dx, dy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
         length, weight = math.hypot(dx, dy), 0.0
+        ux, uy = dx / length, dy / length
+        begin = (ends[0, 0] - _BEYOND_M * ux, ends[0, 1] - _BEYOND_M * uy)
+        near = ahead = _is_white_at(pixels, plane, begin, _GLANCE * size[0])
         for k in range(math.ceil((length + 2.0 * _BEYOND_M) / step) + 1 if length > 0.0 else 0):
             along = k * step - _BEYOND_M
-            x, y = ends[0, 0] + along * dx / length, ends[0, 1] + along * dy / length
-            good = along < length + _BEYOND_M and math.hypot(x, y) <= max_range_m
+            x, y = ends[0, 0] + along * ux, ends[0, 1] + along * uy
+            if k % _COARSE == 0:
+                far = _COARSE * step
+                near, ahead = ahead, _is_white_at(pixels, plane, (x + far * ux, y + far * uy), _GLANCE * size[0])
+            good = (near or ahead) and along < length + _BEYOND_M and math.hypot(x, y) <= max_range_m
             if good and _ridge_at(pixels, plane, (x, y), size, row) and count < len(found):
                 if weight == 0.0:
                     found[count] = 0.0
@@ -94,8 +100,9 @@ def _ridge_at(
     u, v = _pixel_above(plane, above, place, 0.0)
     if not (0.0 <= u < plane.size[0] and 0.0 <= v < plane.size[1]):
         return False
-    nu, nv = _pixel_above(plane, above, place, _GLANCE * size[0])
-    if not _whiteness(pixels, nu, nv) > _WHITE or math.isnan(_pixel_above(plane, above, place, size[0])[0]):
+    if not _is_white_at(pixels, plane, place, _GLANCE * size[0]):
+        return False
+    if math.isnan(_pixel_above(plane, above, place, size[0])[0]):
         return False
     distance = math.sqrt((place[0] - foot[0]) ** 2 + (place[1] - foot[1]) ** 2 + above**2)
     width = plane.lens.pinhole[0] * size[1] / distance
@@ -104,6 +111,13 @@ def _ridge_at(
     row[0], row[1] = _rising(pixels, plane, above, place, (size[0], width))
     row[2], row[3] = u, v
     return row[0] >= _ENOUGH
+
+
+@njit(cache=True, error_model="numpy")
+def _is_white_at(pixels: Pixels, plane: ImagePlane, place: tuple[float, float], z: float) -> bool:
+    """Whether it is white at a height (m) above a place."""
+    u, v = _pixel_above(plane, plane.height, place, z)
+    return bool(_whiteness(pixels, u, v) > _WHITE)
 
 
 @njit(cache=True, error_model="numpy")
