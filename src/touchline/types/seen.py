@@ -125,16 +125,15 @@ def _measured(
 def _all_measured(
     positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
 ) -> bool:
-    """Whether all places are measurements; quick, and False where that is not plain: far off, or a sum too large."""
+    """Whether all places are measurements; quick, and False where that is not plain: far off."""
     if len(positions_m) == 0:
         return True
-    total = np.add.reduce(positions_m, axis=None) + np.add.reduce(covariances_m2, axis=None)
-    if not math.isfinite(total + np.add.reduce(confidences)):
+    far_m = np.maximum.reduce(np.abs(positions_m), axis=None)
+    most_m2 = np.maximum.reduce(np.abs(covariances_m2), axis=None)
+    if not (far_m < math.inf and most_m2 < math.inf and np.maximum.reduce(confidences) < math.inf):
         return False
     least_m2 = min(np.minimum.reduce(covariances_m2[:, 0, 0]), np.minimum.reduce(covariances_m2[:, 1, 1]))
-    if min(least_m2, np.minimum.reduce(confidences)) < 0.0:
-        return False
-    return max_range_m == math.inf or bool(1.5 * np.maximum.reduce(np.abs(positions_m), axis=None) <= max_range_m)
+    return bool(min(least_m2, np.minimum.reduce(confidences)) >= 0.0 and far_m <= max_range_m / 1.5)
 
 
 def check_point_count(count: int) -> int:
@@ -322,16 +321,13 @@ class Observation:
 
     def usable(self, max_range_m: float = math.inf) -> Observation:
         """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
-        points = self.points.usable(max_range_m)
-        if points is self.points and not (len(self.lines) or len(self.crossings) or len(self.landmarks)):
-            return self  # as of nearly every image of a mirror
-        return replace(
-            self,
-            points=points,
-            lines=self.lines.usable(max_range_m) if len(self.lines) else self.lines,
-            crossings=self.crossings.usable(max_range_m) if len(self.crossings) else self.crossings,
-            landmarks=self.landmarks.usable(max_range_m) if len(self.landmarks) else self.landmarks,
-        )
+        kept = {}
+        for name in ("points", "lines", "crossings", "landmarks"):
+            seen = getattr(self, name)
+            usable = seen.usable(max_range_m) if len(seen) else seen
+            if usable is not seen:
+                kept[name] = usable
+        return replace(self, **kept) if kept else self
 
     def __post_init__(self) -> None:
         for name in ("points", "boundary"):

@@ -7,13 +7,16 @@ A robot that walks sways by 20° per second, so that an image gives the time to 
 import math
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.perspective import ahead
 from touchline.motion import LeanFilter
 
 LAGS_S = np.arange(-0.05, 0.26, 0.01)  # by how much stamps may be late: a driver that waits, a network
+_LAGS_NS, _STEP_S = np.rint(1e9 * LAGS_S).astype(np.int64), float(LAGS_S[1] - LAGS_S[0])
 MEMORY_IMAGES = 150  # over which it is averaged
+KEPT = 1.0 - 1.0 / MEMORY_IMAGES
 MIN_IMAGES = 40  # five seconds
 CLOCK_S = 0.005  # standard deviation of what an IMU's own stamps err by
 MAX_RAD = 0.15  # error of a lean beyond which an image was taken for another place's
@@ -36,28 +39,35 @@ class SwayDelay:
         lean_rad (2,): lean of the camera by the lines, without its mounting error, less that by the IMU lag_s before
         the stamp. leaning: the lean by the IMU.
         """
-        lags_ns = np.rint(1e9 * np.append(LAGS_S, lag_s)).astype(np.int64)
-        turned = leaning.turned_all(stamp_ns - lags_ns)
-        self._add(lean_rad, turned[:-1] - turned[-1])
+        turned = leaning.turned_all(stamp_ns - np.append(_LAGS_NS, round(1e9 * lag_s)))
+        best = _add(self._squares, lean_rad, turned)
+        if best < 0:
+            return self.delay_s, self.deviation_s
+        self._images = KEPT * self._images + 1.0
+        self.delay_s, self.deviation_s = 0.0, math.inf
+        if self._images >= MIN_IMAGES and 0 < best < len(LAGS_S) - 1:
+            below, least, above = self._squares[best - 1 : best + 2].tolist()
+            bend = (below - 2.0 * least + above) / _STEP_S**2
+            self.delay_s = float(LAGS_S[best]) + 0.5 * _STEP_S * (below - above) / (below - 2.0 * least + above)
+            variance = least / self._images / bend  # each of the two leans errs by half of the mean square
+            self.deviation_s = math.sqrt(variance + CLOCK_S**2)
         return self.delay_s, self.deviation_s
 
-    def _add(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:
-        """turned_rad (L, 2): further lean by the IMU at each of LAGS_S before the stamp."""
-        if not np.isfinite(turned_rad).all() or np.abs(lean_rad).max() > MAX_RAD:
-            return
-        kept = 1.0 - 1.0 / MEMORY_IMAGES
-        self._squares = kept * self._squares + ((lean_rad - turned_rad) ** 2).sum(axis=1)
-        self._images = kept * self._images + 1.0
-        best = int(np.argmin(self._squares))
-        if self._images < MIN_IMAGES or best in (0, len(LAGS_S) - 1):
-            self.delay_s, self.deviation_s = 0.0, math.inf
-            return
-        below, least, above = self._squares[best - 1 : best + 2]
-        step_s = float(LAGS_S[1] - LAGS_S[0])
-        bend = (below - 2.0 * least + above) / step_s**2
-        self.delay_s = float(LAGS_S[best] + 0.5 * step_s * (below - above) / (below - 2.0 * least + above))
-        variance = least / self._images / bend  # each of the two leans errs by half of the mean square
-        self.deviation_s = math.sqrt(variance + CLOCK_S**2)
+
+@njit(cache=True)
+def _add(squares: FloatArray, lean_rad: FloatArray, turned_rad: FloatArray) -> int:
+    """Into the sums of squares (L,) the lean of an image (2,) and the leans (L + 1, 2) by the IMU, that at the time of
+    the image last; returns the index of the least sum, -1 where nothing is taken.
+    """
+    if not np.isfinite(turned_rad).all() or not np.abs(lean_rad).max() <= MAX_RAD:
+        return -1
+    best = 0
+    for k in range(len(squares)):
+        squares[k] *= KEPT
+        for axis in range(2):
+            squares[k] += (lean_rad[axis] - (turned_rad[k, axis] - turned_rad[-1, axis])) ** 2
+        best = k if squares[k] < squares[best] else best
+    return best
 
 
 def lean_by(attitude: FloatArray, axis: FloatArray) -> FloatArray:

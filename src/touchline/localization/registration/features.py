@@ -141,10 +141,13 @@ class Features:
 
     def _points(self, crossings: Crossings, landmarks: Landmarks, positions: FloatArray) -> PointFeatures:
         kept, found = self._associations(crossings, landmarks)
-        positions = positions[kept]
-        covariances = np.concatenate((crossings.covariances_m2, landmarks.covariances_m2))[kept]
-        confidences = np.concatenate((crossings.confidences, landmarks.confidences))[kept]
-        orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))[kept]
+        covariances = np.concatenate((crossings.covariances_m2, landmarks.covariances_m2))
+        confidences = np.concatenate((crossings.confidences, landmarks.confidences))
+        orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))
+        if len(kept) < len(positions):
+            positions, covariances, confidences, orientations = (
+                rows[kept] for rows in (positions, covariances, confidences, orientations)
+            )
         information, own_information = np.empty_like(covariances), np.empty_like(covariances)
         sigmas, mixture = np.empty_like(positions), np.empty((2, len(kept)))
         point_noise(positions, covariances, confidences, self._noise, information, own_information, sigmas, mixture)
