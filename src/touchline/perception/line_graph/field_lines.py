@@ -80,9 +80,7 @@ def find_lines(
     limits = LineLimits(subpixel, radius_m, least_m, settings.min_line_px, settings.max_range_m)
     room = _ALL * max(len(candidates), 1)
     found = FoundLines(np.empty((room, 4)), np.empty(room), np.empty((_MAX_POINTS, POINT_COLUMNS)))
-    lines, total = _place_lines(pixels, plane, candidates, limits, found, (0, 0))
-    if subpixel:
-        lines, total = _place_lines(pixels, plane, _at_ends(plane, found.planes[:lines]), limits, found, (lines, total))
+    lines, total = _place_all(pixels, plane, candidates, limits, found)
     return _without_faint(FoundLines(found.planes[:lines], found.confidences[:lines], found.points[:total]))
 
 
@@ -130,6 +128,16 @@ def _at_ends(plane: ImagePlane, lines: FloatArray) -> FloatArray:
         x, y = transformed(plane.plane, ax - step * (by - ay), ay + step * (bx - ax))
         candidates[k, 0], candidates[k, 1], candidates[k, 2], candidates[k, 3] = line[near], line[near + 1], x, y
     return candidates
+
+
+@njit(cache=True, error_model="numpy")
+def _place_all(pixels, plane, candidates, limits, found):  # type: ignore[no-untyped-def]
+    """Place candidates (L, 4), then those at the ends of the lines; how many lines and points are found."""
+    lines, total = _place_lines(pixels, plane, candidates, limits, found, (0, 0))
+    if limits.subpixel:
+        ends = _at_ends(plane, found.planes[:lines])
+        lines, total = _place_lines(pixels, plane, ends, limits, found, (lines, total))
+    return lines, total
 
 
 @njit(cache=True, error_model="numpy")
