@@ -123,6 +123,8 @@ def _members(ground: FloatArray, tangents: FloatArray, radius_m: float, x: float
     sectors = np.zeros(_SECTORS, dtype=np.bool_)
     for node in range(len(ground)):
         use[node] = False
+        if math.isnan(tangents[node, 0]):
+            continue
         dx, dy = ground[node, 0] - x, ground[node, 1] - y
         distance = math.hypot(dx, dy)
         slack = _NEAR_M + _NEAR_RATIO * math.hypot(ground[node, 0], ground[node, 1])
