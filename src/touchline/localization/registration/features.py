@@ -141,7 +141,8 @@ class Features:
 
     def _points(self, crossings: Crossings, landmarks: Landmarks, positions: FloatArray) -> PointFeatures:
         kept, found = self._associations(crossings, landmarks)
-        covariances = np.concatenate((crossings.covariances_m2, landmarks.covariances_m2))
+        # of one layout, so that the loops are compiled once
+        covariances = np.ascontiguousarray(np.concatenate((crossings.covariances_m2, landmarks.covariances_m2)))
         confidences = np.concatenate((crossings.confidences, landmarks.confidences))
         orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))
         if len(kept) < len(positions):
