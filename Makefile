@@ -132,6 +132,7 @@ pages: loops
 	  $(BENCH)/odometry_alone $$drive > $(BENCH)/odometry-alone/$$(basename $$drive).tum || exit; done
 	$(BIN)/touchline bench score touchline-bench-1 $(BENCH)/amcl $(BENCH)/marker-search $(BENCH)/odometry-alone \
 	  --output $(BENCH)/baselines.jsonl
+	rm -f docs/benchmark/*.jsonl
 	cp $(BENCH)/systems.jsonl $(BENCH)/baselines.jsonl docs/benchmark/
 	$(BIN)/python docs/images/results.py build/pages
 	$(BIN)/python docs/images/figures.py --measure $(TOUCHLINE_DATA)
