@@ -114,12 +114,14 @@ mutants: $(VENV)/installed
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name
 
-# Every page of figures anew, from this commit: a night on two cores; stopped, it goes on in build/pages. TOUCHLINE_DATA names
-# the folder of the public recordings.
+# Results, benchmark and figures anew, from this commit: a night on two cores; stopped, it goes on in a folder of build/pages.
+# TOUCHLINE_DATA names the folder of the public recordings.
 pages: WORKERS ?= 2
-pages: BENCH := build/pages/benchmark
+pages: PAGES = build/pages/$(shell git rev-parse --short=12 HEAD)
+pages: BENCH = $(PAGES)/benchmark
 pages: loops
-	$(BIN)/touchline experiment all --workers $(WORKERS) --output build/pages
+	test -d "$(TOUCHLINE_DATA)"
+	$(BIN)/touchline experiment all --workers $(WORKERS) --output $(PAGES)
 	$(BIN)/touchline bench suite touchline-bench-1 --workers $(WORKERS) --output $(BENCH)/systems.jsonl $(foreach system, \
 	  touchline nubot-mti nubot-mcl iris-fusion nimbro-lines nubot-mti:paper nubot-mcl:paper iris-fusion:paper \
 	  nimbro-lines:paper, --system $(system))
@@ -134,8 +136,8 @@ pages: loops
 	  --output $(BENCH)/baselines.jsonl
 	rm -f docs/benchmark/*.jsonl
 	cp $(BENCH)/systems.jsonl $(BENCH)/baselines.jsonl docs/benchmark/
-	$(BIN)/python docs/images/results.py build/pages
-	$(BIN)/python docs/images/figures.py --measure $(TOUCHLINE_DATA)
+	$(BIN)/python docs/images/results.py $(PAGES)
+	$(BIN)/python docs/images/figures.py --measure "$(TOUCHLINE_DATA)"
 	$(BIN)/python docs/images/benchmark.py
 	$(BIN)/python docs/images/integrity.py
 	$(BIN)/python docs/images/own_system.py

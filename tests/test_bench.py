@@ -15,6 +15,7 @@ import pytest
 
 from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
+from touchline.evaluation import outside_program
 from touchline.evaluation.outside_program import OutsideProgram
 from touchline.evaluation.points.localizers import ByRprop, point_localizer, point_systems
 from touchline.evaluation.points.point_set import PointSet, read_point_set
@@ -188,6 +189,13 @@ def test_the_example_stream_answers_with_the_odometry(capsys: pytest.CaptureFixt
     assert "percepts" in capsys.readouterr().out
 
 
+def test_a_program_that_never_answers_is_told(point_set: PointSet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outside_program, "MAX_WAIT_S", 0.2)
+    silent = shlex.join([sys.executable, "-c", "import sys; sys.stdin.read()"])
+    with OutsideProgram(silent, point_set.field) as outside, pytest.raises(TouchlineError, match="wait in a buffer"):
+        outside.from_nothing(point_set.points[0])
+
+
 def test_a_program_takes_no_images(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = shlex.join([sys.executable, str(EXAMPLES / "stream.py")])
     assert main(["bench", str(small_data / "omni_msl_track"), "--program", command]) == 2
@@ -197,6 +205,8 @@ def test_a_program_takes_no_images(small_data: Path, capsys: pytest.CaptureFixtu
 def test_a_program_that_is_none_is_told(small_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "points", str(small_file), "--program", "/does/not/exist"]) == 2
     assert "/does/not/exist" in capsys.readouterr().err
+    assert main(["bench", "points", str(small_file), "--program", ""]) == 2
+    assert "list index" not in capsys.readouterr().err
     assert main(["bench", "points", str(small_file), "--program", "x", "--system", "touchline"]) == 2
     assert main(["bench", "points", str(small_file), "--system", "nubot-mit"]) == 2
     assert "did you mean 'nubot-mti'" in capsys.readouterr().err

@@ -21,19 +21,24 @@ from touchline.experiments import (
     Experiment,
     ExperimentResult,
     chosen_experiments,
+    faults,
+    harness,
     kidnap,
     lighting,
     occlusion,
 )
 from touchline.experiments.drives import Track
 from touchline.experiments.harness import (
+    NOTHING,
     RUNS,
     Headline,
+    Kept,
     interval,
     percent,
     progress_to,
     rate,
     result_page,
+    resumed,
     seed_range,
     spread,
     wilson,
@@ -146,8 +151,59 @@ def test_all_goes_on_where_it_was_stopped(
     assert "own: done before" in capsys.readouterr().out
     assert main([*command, "--first-seed", "100"]) == 0
     assert runs[3:] == [("own", 2, 100), ("nees", 2, 100)]
+    assert main(command) == 0  # the pages are of the other seeds now
+    assert runs[5:] == [("own", 2, 0), ("nees", 2, 0)]
+    (tmp_path / "own.md").unlink()
+    with (tmp_path / RUNS).open("a") as file:
+        file.write('{"name": "ne')  # cut off
+    assert main(command) == 0
+    assert runs[7:] == [("own", 2, 0)]
     (tmp_path / RUNS).write_text("nothing\n")
     assert main(command) == 2
+
+
+def test_results_of_other_seeds_and_of_another_commit_do_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, computed = tmp_path / "faults.jsonl", []
+
+    def square(item: int) -> int:
+        computed.append(item)
+        return item**2
+
+    def found(items: list[int], part: str = "") -> list[int]:
+        computed.clear()
+        with progress_to(None, kept=Kept(path, part)):
+            return resumed(square, items, "squares")
+
+    monkeypatch.setattr(harness, "commit", lambda: "a")
+    assert found([1, 2]) == [1, 4]
+    assert (found([2, 3]), computed) == ([4, 9], [3])
+    assert (found([5, 6], "5"), computed) == ([1, 4, 9, 25], [5])
+    monkeypatch.setattr(harness, "commit", lambda: "b")
+    assert (found([1, 2]), computed) == ([1, 4], [1, 2])
+    assert (sorted(found([1], NOTHING)), computed) == ([1, 4, 9, 25], [])
+
+
+def test_seeds_of_faults_from_another_first_one_are_other_robots() -> None:
+    with progress_to(None, first_seed=5):
+        later = {task[3] for task in faults.tasks(5)}
+    assert later.isdisjoint(task[3] for task in faults.tasks(5))
+
+
+def test_the_commit_is_found_where_references_are_packed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harness, "__file__", str(tmp_path / "src" / "touchline" / "experiments" / "harness.py"))
+    assert harness.commit() == ""
+    (tmp_path / ".git" / "refs" / "heads").mkdir(parents=True)
+    (tmp_path / ".git" / "HEAD").write_text("ref: refs/heads/main\n")
+    (tmp_path / ".git" / "packed-refs").write_text(
+        f"# pack-refs\n{'b' * 40} refs/heads/domain\n{'a' * 40} refs/heads/main\n"
+    )
+    assert harness.commit() == "a" * 12
+    (tmp_path / ".git" / "refs" / "heads" / "main").write_text("c" * 40)
+    assert harness.commit() == "c" * 12
+    (tmp_path / ".git" / "HEAD").write_text("d" * 40)
+    assert harness.commit() == "d" * 12
 
 
 def test_a_mistyped_experiment_is_answered_with_the_nearest() -> None:

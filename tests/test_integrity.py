@@ -13,7 +13,7 @@ from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
 from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.estimator.integrity import Jump
+from touchline.localization.estimator.integrity import GYRO_RATIO, Jump, _unseen_rad
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import WINDOW, Culprit, MotionRelation
 from touchline.localization.estimator.step_noise import StepNoise
@@ -276,6 +276,12 @@ def test_images_that_lay_on_no_line_leave_a_pose_on_probation() -> None:
     assert not doubts[-1]
 
 
+def test_a_bound_is_never_narrower_than_odometry_and_gyro_are_apart() -> None:
+    assert _unseen_rad(0.02, -0.02) == pytest.approx(0.04)
+    assert _unseen_rad(1.0, 1.01) == pytest.approx(GYRO_RATIO)
+    assert _unseen_rad(1.0, 0.5) == _unseen_rad(-1.0, math.nan) == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize(("gyro", "confirmed", "tracked"), [(None, False, False), (1.0, False, True),
                                                             (-1.0, False, False), (None, True, True)])  # fmt: skip
 def test_a_turn_that_no_image_shows_needs_a_witness(gyro: float | None, confirmed: bool, tracked: bool) -> None:
@@ -298,15 +304,15 @@ def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
     seen = [frame.observation.points.positions_m for frame in drive.frames if frame.observation is not None]
     truth, lines = list(drive.truth), drive.field.line_tables
     for points_m, pose in zip(seen[:60], truth, strict=False):
-        if coverage.takes(found=False, settled=True):
+        if coverage.begins_image(found=False, settled=True):
             coverage.update(lines, points_m, pose)
         assert coverage.shown
     for points_m, pose in zip(seen[60:90], truth[60:], strict=False):  # a few things that lie on lines of the field
         ahead = np.abs(np.arctan2(points_m[:, 1], points_m[:, 0])) < 0.4
-        assert coverage.takes(found=pose is truth[60], settled=True)
+        assert coverage.begins_image(found=pose is truth[60], settled=True)
         coverage.update(lines, points_m[ahead], pose)
         assert not coverage.shown
-    assert coverage.takes(found=False, settled=True)
+    assert coverage.begins_image(found=False, settled=True)
     coverage.update(lines, seen[90], truth[90])
     assert coverage.shown
 

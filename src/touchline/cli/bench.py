@@ -203,7 +203,7 @@ def recordings(
     workers: WorkerCount = 1,
     dask: DaskAddress = None,
 ) -> None:
-    """Run a system on recordings from nothing, and compare its poses with the truth.
+    """Run a system, or a program of your own, on recordings from nothing, and compare its poses with the truth.
 
     Times per image are those of a busy machine where many workers share one.
     """

@@ -15,7 +15,6 @@ from touchline.errors import InputError
 from touchline.messages import counted
 
 _LINE_EVERY_S = 10.0
-NOTHING = "(?!)"  # a regular expression that matches nothing
 
 if TYPE_CHECKING:
     from touchline.evaluation.workers import Workers
@@ -46,7 +45,7 @@ def experiment(
     """
     from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
-    from touchline.experiments.harness import check_writable, is_done, note_done, write_result
+    from touchline.experiments.harness import NOTHING, check_writable, is_done, note_done, write_result
 
     if listing or name is None:
         for known in EXPERIMENTS.values():

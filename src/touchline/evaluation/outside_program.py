@@ -18,6 +18,7 @@ First the field, then one line for each question; the program answers each with 
 """
 
 import math
+import select
 import shlex
 import subprocess
 from typing import Self
@@ -29,6 +30,7 @@ from touchline.sources.observations import observation_rows
 from touchline.types import Frame, LinePoints
 
 _MAX_ANSWER = 1000
+MAX_WAIT_S = 60.0  # for an answer
 
 
 class OutsideProgram:
@@ -38,7 +40,7 @@ class OutsideProgram:
         """command: the program with its arguments, as in a shell. Raises InputError for one that does not start."""
         self.command = command
         try:
-            words = shlex.split(command)
+            words = shlex.split(command) or [""]
             self._process = subprocess.Popen(
                 words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1, errors="replace"
             )
@@ -88,6 +90,9 @@ class OutsideProgram:
         begin = question.partition("\n")[0][:40]
         self._tell(question + "\n")
         assert self._process.stdout is not None
+        if not select.select([self._process.stdout], [], [], MAX_WAIT_S)[0]:
+            said = f"no answer for {MAX_WAIT_S:.0f} s after '{begin}': does its output wait in a buffer?"
+            raise TouchlineError(f"--program {self.command}: {said}")
         answer = self._process.stdout.readline(_MAX_ANSWER)
         if not answer.endswith("\n"):
             ended = "ended" if len(answer) < _MAX_ANSWER else "answered with a line that does not end"

@@ -41,7 +41,7 @@ class RecordingScore:
         return asdict(self)
 
 
-Step = Callable[[Frame], tuple[Pose | None, bool]]  # the pose, and whether it is tracked
+Step = Callable[[Frame], tuple[int, Pose | None, bool]]  # stamp, pose, and whether it is tracked
 
 
 @contextmanager
@@ -50,19 +50,19 @@ def opened(source: Recording, system: str, program: str | None) -> Iterator[Step
     if program is None:
         stepped = OrderedSystem(open_system(system, robot_setup(source)))
 
-        def step(frame: Frame) -> tuple[Pose | None, bool]:
+        def step(frame: Frame) -> tuple[int, Pose | None, bool]:
             estimate = stepped.step(frame)
-            return estimate.pose, estimate.status is Status.TRACKING
+            return estimate.stamp_ns, estimate.pose, estimate.status is Status.TRACKING
 
         yield step
         return
     with OutsideProgram(program, source.field) as outside:
 
-        def ask(frame: Frame) -> tuple[Pose | None, bool]:
+        def ask(frame: Frame) -> tuple[int, Pose | None, bool]:
             if frame.observation is None:
                 raise InputError(f"{source.name}: holds images; --program takes recordings with observations.csv")
             pose = outside.at_image(frame)
-            return pose, pose is not None
+            return frame.stamp_ns, pose, pose is not None
 
         yield ask
 
@@ -80,15 +80,15 @@ def bench_recording(folder: Path, system: str, program: str | None = None) -> Re
     with opened(source, system, program) as step:
         for frame in source:
             begun_s = time.perf_counter()
-            pose, sure = step(frame)
+            stamp_ns, pose, sure = step(frame)
             times_s.append(time.perf_counter() - begun_s)
-            if stamps and frame.stamp_ns <= stamps[-1]:
+            if stamps and stamp_ns <= stamps[-1]:
                 continue
-            stamps.append(frame.stamp_ns)
+            stamps.append(stamp_ns)
             poses.append(pose or (poses[-1] if poses else Pose(0.0, 0.0, 0.0)))
             tracked.append(sure)
             if frame.image is not None and is_covered(frame.image):
-                black.append((frame.stamp_ns, frame.stamp_ns))
+                black.append((stamp_ns, stamp_ns))
     trajectory = Samples(np.array(stamps, np.int64), np.array(poses, np.float64).reshape(-1, 3))
     truth, located = source.truth.samples(), np.array(tracked, np.bool_)
     errors = error_table(trajectory, truth, located=located, black_ns=black)

@@ -39,7 +39,9 @@ class Experiment:
         function: Callable[[int], ExperimentResult] = getattr(module, self.name.replace("-", "_"))
         with progress_to(listener, workers, kept, first_seed):
             result = function(seeds)
-            return replace(result, name=self.name, seeds=result.seeds or seeds, first_seed=first_seed)
+            if result.seeds:  # photographs have none
+                return replace(result, name=self.name)
+            return replace(result, name=self.name, seeds=seeds, first_seed=first_seed)
 
 
 EXPERIMENTS = {

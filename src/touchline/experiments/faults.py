@@ -199,10 +199,10 @@ def _of_case(task: tuple[str, str, int, int]) -> list[tuple[str, str, dict[str, 
     return [(name, system, outcome(case, of, estimates, moves).tree()) for system, estimates in found]
 
 
-def tasks(count: int) -> list[tuple[str, str, int, int]]:
+def tasks(seeds: int) -> list[tuple[str, str, int, int]]:
     """Every case on so many robots of its kind, robot by robot; of the pairs each on one in `FEWER`."""
     found = []
-    for number in seed_range(count):
+    for number in seed_range(seeds, ROBOTS_OF_SEED):
         for robots in KINDS_OF_ROBOTS:
             for index, case in enumerate(cases(robots)):
                 if len(case) == 1 or (index + number) % FEWER == 0:
@@ -213,7 +213,7 @@ def tasks(count: int) -> list[tuple[str, str, int, int]]:
 def faults(seeds: int) -> ExperimentResult:
     """Every fault of the catalogue and pairs of them, on every kind of robots."""
     found: dict[tuple[str, str], list[Outcome]] = {}
-    for results in resumed(_of_case, tasks(ROBOTS_OF_SEED * seeds), "faults"):
+    for results in resumed(_of_case, tasks(seeds), "faults"):
         for name, system, tree in results:
             found.setdefault((name, system), []).append(Outcome.of_tree(tree))
     own = [one for (name, system), outcomes in found.items() if system == OWN for one in outcomes]

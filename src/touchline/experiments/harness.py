@@ -38,6 +38,9 @@ NONE = "–"
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
+NOTHING = "(?!)"  # a regular expression that matches nothing
+
+
 class Kept(NamedTuple):
     """A file of results as they come; part: which tasks are run, by a regular expression for what begins them."""
 
@@ -99,8 +102,13 @@ def commit() -> str:
     if not (git / "HEAD").is_file():
         return ""
     head = read_text(git / "HEAD", 1000).strip()
-    path = git / head.removeprefix("ref: ")
-    return (read_text(path, 1000).strip() if path.is_file() else head)[:12]
+    if not head.startswith("ref: "):
+        return head[:12]
+    name = head.removeprefix("ref: ")
+    if (git / name).is_file():
+        return read_text(git / name, 1000).strip()[:12]
+    packed = read_text(git / "packed-refs", _MAX_BYTES) if (git / "packed-refs").is_file() else ""
+    return next((line[:12] for line in packed.splitlines() if line.endswith(f" {name}")), "")
 
 
 def seed_range(seeds: int, each: int = 1) -> range:
@@ -128,17 +136,21 @@ def computed(function: Callable[[Item], Result], items: Sequence[Item], what: st
 
 
 def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str) -> list[Any]:
-    """`computed` of items and results that JSON knows. Where a file is kept each result is written to it at once, what
-    it holds is not computed again, and all of it comes back. Raises InputError for a file that is none.
+    """`computed` of items and results that JSON knows. Where a file is kept each result is written to it at once, and
+    what it holds by this commit is not computed again; of a part, and with NOTHING, all that it holds comes back, by
+    any commit with NOTHING. Raises InputError for a file that is none.
     """
     kept = _KEPT.get()
     if kept is None:
         return list(computed(function, items, what))
-    text = read_text(kept.path, _MAX_KEPT) if kept.path.exists() else ""
+    whole = _whole_lines(kept.path, _MAX_KEPT)
     try:
-        whole = text[: text.rfind("\n") + 1]  # a last line may have been cut off
         lines = [json.loads(line) for line in whole.splitlines()]
-        held = {json.dumps(line["of"]): line["found"] for line in lines}
+        by = commit()
+        held = {
+            json.dumps(line["of"]): line["found"] for line in lines
+            if kept.part == NOTHING or line.get("commit", "") == by
+        }  # fmt: skip
     except (ValueError, TypeError, KeyError):
         raise InputError(f"{kept.path}: is no file of results; choose another folder") from None
     left = [item for item in items if json.dumps(item) not in held and re.search(kept.part, str(item))]
@@ -146,33 +158,41 @@ def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str
     replace_file(kept.path, whole.encode())
     with kept.path.open("a", encoding="utf-8") as file:
         for item, found in zip(left, computed(function, left, what), strict=True):
-            file.write(json.dumps({"of": item, "found": found}) + "\n")
+            file.write(json.dumps({"of": item, "found": found, "commit": by}) + "\n")
             file.flush()
             held[json.dumps(item)] = found
     if not held:
         raise InputError(f"{kept.path}: holds no results; run the experiment without --draw, or another --part")
-    return list(held.values())
+    return list(held.values()) if kept.part else [held[json.dumps(item)] for item in items]
 
 
 RUNS = "runs.jsonl"  # in a folder of results: which experiments are done, by what, and how long each took
 
 
 def is_done(folder: Path, name: str, seeds: range) -> bool:
-    """Whether a folder holds an experiment's page of these seeds, by this commit. Raises InputError for other files."""
+    """Whether the page that a folder holds of an experiment is of these seeds, by this commit, where that is known.
+    Raises InputError for other files.
+    """
     path, by = folder / RUNS, about()
     try:
-        lines = [json.loads(line) for line in read_text(path, _MAX_BYTES).splitlines()] if path.is_file() else []
-        found = [(one["name"], *one["seeds"], one["commit"], one["versions"]) for one in lines]
+        lines = [json.loads(line) for line in _whole_lines(path).splitlines()]
+        newest = {one["name"]: (*one["seeds"], one["commit"], one["versions"]) for one in lines}
     except (ValueError, TypeError, KeyError):
         raise InputError(f"{path}: is no list of runs; choose another folder") from None
-    return (name, seeds.start, seeds.stop, by["commit"], by["versions"]) in found
+    same = newest.get(name) == (seeds.start, seeds.stop, by["commit"], by["versions"])
+    return bool(by["commit"]) and same and (folder / f"{name}.md").is_file()
 
 
 def note_done(folder: Path, name: str, seeds: range, minutes: float) -> None:
     """Add an experiment that is done."""
     row = {"name": name, "seeds": [seeds.start, seeds.stop], "minutes": round(minutes, 2), **about()}
-    with (folder / RUNS).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
+    replace_file(folder / RUNS, f"{_whole_lines(folder / RUNS)}{json.dumps(row)}\n".encode())
+
+
+def _whole_lines(path: Path, max_bytes: int = _MAX_BYTES) -> str:
+    """What a file holds, "" where there is none; a last line that was cut off is left out."""
+    text = read_text(path, max_bytes) if path.exists() else ""
+    return text[: text.rfind("\n") + 1]
 
 
 def together(results: Iterable[Mapping[Key, Result]]) -> dict[Key, list[Result]]:

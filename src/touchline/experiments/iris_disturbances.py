@@ -107,7 +107,7 @@ def iris_disturbances(seeds: int) -> ExperimentResult:
     """Every kind of disturbance on both fields, slowly and in play."""
     rendered = min(seeds, RENDERED)
     outcomes = gathered(_as_points, list(product(FIELDS, SCENARIOS, seed_range(seeds))), "drives")
-    shown = [(*place, seed) for place in zip(FIELDS, SCENARIOS, strict=True) for seed in range(rendered)]
+    shown = [(*place, seed) for place in zip(FIELDS, SCENARIOS, strict=True) for seed in seed_range(rendered)]
     outcomes |= gathered(_on_images, shown, "drives on images")
     for (k, field), kind in product(enumerate(FIELDS), KINDS):
         outcomes[SAME, field, kind] = outcomes["as built", field, kind][k * seeds :][:rendered]

@@ -104,7 +104,7 @@ def iris_points(seeds: int) -> ExperimentResult:
     """Table I on simulated tours, and on the recording with 8 places."""
     runs, images = all_tours(seeds)
     tilted = {"as built": [tour(seed, "points", TILTED) for seed in follow(seed_range(seeds), "tours, mirror tilted")]}
-    robots = follow(range(len(images["as built"])), "tilted, on images")
+    robots = follow(seed_range(len(images["as built"])), "tilted, on images")
     tilted_images = {"as built": [tour(seed, "images", TILTED) for seed in robots]}
     recorded: iris.Runs = {form: [] for form in iris.FORMS[:2]}
     for form, seed in follow(list(product(recorded, seed_range(seeds))), "recorded tours"):

@@ -159,8 +159,8 @@ def recorded_rows() -> list[Row]:
         walked, by_paper = humanoids.recorded_walk(name), humanoids.recorded_walk(name, PAPER)
         if walked is None or by_paper is None:
             continue
-        ours = [tracked(walked, seed, humanoids.settings()) for seed in follow(range(STARTS), f"starts in {name}")]
-        paper = [tracked(by_paper, seed, humanoids.settings(PAPER)) for seed in range(STARTS)]
+        ours = [tracked(walked, seed, humanoids.settings()) for seed in follow(seed_range(STARTS), f"starts in {name}")]
+        paper = [tracked(by_paper, seed, humanoids.settings(PAPER)) for seed in seed_range(STARTS)]
         alone = [humanoids.dead_reckoned(walked)]
         for system, features, tracks in ((OURS, "all", ours), (PAPER, "all", paper), ("odometry alone", "none", alone)):
             last = walked.times_s > walked.times_s[-1] - LAST_S

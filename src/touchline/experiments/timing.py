@@ -301,7 +301,7 @@ def _frame_times(simulation: Simulation, frames: list[Frame], settings: Settings
 def iris_timing(seeds: int) -> ExperimentResult:
     """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
     found = together(_iris_parts(seed) for seed in follow(seed_range(seeds), "tours"))
-    setup, frames = _tour(seeds - 1)
+    setup, frames = _tour(seed_range(seeds)[-1])
     points = float(np.mean([len(frame.observation.points) for frame in frames if frame.observation is not None]))
     counts = follow(PARTICLES, "numbers of particles")
     curve_ms = [float(np.median(_updates(setup, frames[:200], 0, count)[0])) for count in counts]

@@ -375,7 +375,7 @@ class Integrity:
         if jump.elsewhere:
             self._jumps = min(self._jumps + (self._held_up and jump.predicted is not None), 2.0 * MAX_JUMPS)
             self._held_up = False
-        if self._coverage.takes(jump.elsewhere, self.is_settled):
+        if self._coverage.begins_image(jump.elsewhere, self.is_settled):
             upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
             self._coverage.update(self._field.line_tables, upright, best.fit.state[:3])
         self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
@@ -452,8 +452,9 @@ def _unseen_rad(turn: float, by_gyro: float) -> float:
     """By how much (rad) a turn that no image showed may put the heading off: the odometry's sign might be wrong, unless
     the gyro (NaN: tells none) agrees.
     """
-    agrees = abs(wrap_angle(by_gyro - turn)) < GYRO_RAD + GYRO_RATIO * abs(turn)
-    return (GYRO_RATIO if agrees else 2.0) * abs(turn)
+    apart = abs(wrap_angle(by_gyro - turn))
+    agrees = apart < GYRO_RAD + GYRO_RATIO * abs(turn)
+    return max(GYRO_RATIO * abs(turn), apart) if agrees else 2.0 * abs(turn)
 
 
 def _but(statistics: dict[str, float], *names: str) -> dict[str, float]:

@@ -27,7 +27,7 @@ class LineCoverage:
         self.shown, self._usual, self._far_m = True, 0.0, MAX_M
         self._beyond, self._images = 0.0, 0  # what was shown beyond USUAL; images in which all was well
 
-    def takes(self, found: bool, settled: bool) -> bool:
+    def begins_image(self, found: bool, settled: bool) -> bool:
         """Whether anything is asked of an image. found: elsewhere than expected; settled: all well."""
         if found and self._usual:
             self.shown, self._beyond = False, 0.0
@@ -35,7 +35,7 @@ class LineCoverage:
         return not self.shown or (settled and self._images % LEARNED_EVERY == 1)
 
     def update(self, lines: LineTables, points_m: FloatArray, pose: FloatArray) -> None:
-        """Take line points (N, 2), robot frame, at a pose (3,), of an image that it `takes`."""
+        """Take line points (N, 2), robot frame, at a pose (3,), of an image of which `begins_image` asks."""
         ratio = seen_ratio(lines, points_m, pose, self._far_m)
         if self.shown:
             return self._learn(ratio, points_m)

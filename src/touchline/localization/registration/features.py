@@ -149,8 +149,8 @@ class Features:
             positions, covariances, confidences, orientations = (
                 rows[kept] for rows in (positions, covariances, confidences, orientations)
             )
-        information, own_information = np.empty_like(covariances), np.empty_like(covariances)
-        sigmas, mixture = np.empty_like(positions), np.empty((2, len(kept)))
+        information, own_information = np.empty(covariances.shape), np.empty(covariances.shape)
+        sigmas, mixture = np.empty(positions.shape), np.empty((2, len(kept)))
         point_noise(positions, covariances, confidences, self._noise, information, own_information, sigmas, mixture)
         ends = list(accumulate((len(a.candidates) for a in found), initial=0))
         sets = [(a.table, a.sets, first, end) for a, first, end in zip(found, ends, ends[1:], strict=False)]

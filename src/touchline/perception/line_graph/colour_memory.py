@@ -94,7 +94,7 @@ class ColourMemory:
             self._images, self._green = [], GreenWatch()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _tint_of(image: ImageArray, pixels: IntArray, green: FloatArray, tint: FloatArray) -> int:
     """What multiplies B, G, R of the learned carpet (3,) at those of pixels (N, 2: v, u) that may be it, into tint
     (3,); how many these are.

@@ -69,7 +69,7 @@ def _find(
         ux, uy = dx / length, dy / length
         begin = (ends[0, 0] - _BEYOND_M * ux, ends[0, 1] - _BEYOND_M * uy)
         near = ahead = _is_white_at(pixels, plane, begin, _GLANCE * size[0])
-        for k in range(math.ceil((length + 2.0 * _BEYOND_M) / step) + 1 if length > 0.0 else 0):
+        for k in range(math.ceil((length + 2.0 * _BEYOND_M) / step) + 2 if length > 0.0 else 0):
             along = k * step - _BEYOND_M
             x, y = ends[0, 0] + along * ux, ends[0, 1] + along * uy
             if k % _COARSE == 0:
@@ -162,7 +162,7 @@ def _rising(
 def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: Numbers, at: Numbers) -> tuple[float, bool]:
     """How much whiter it is here than on both sides, and whether one of these is no carpet; at: z, width, u, v.
 
-    0 where it is not white all across, NaN outside the image.
+    Not above 0 where it is no ridge, NaN outside the image.
     """
     z, width, u, v = at
     au, av = _pixel_above(plane, above, place, z + 0.1)
