@@ -152,6 +152,18 @@ def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
     np.testing.assert_allclose(memory.classes.model.green, learned.model.green, rtol=0.02)
 
 
+def test_a_carpet_without_blue_and_red_is_followed() -> None:
+    """A simulator's pure green: where a channel shows nothing its tint is as strong as any is taken to be."""
+    memory, usual = ColourMemory(None, 1, yuv=False), worn_field((0, 150, 0))
+    memory.learn(usual, everywhere(), everywhere())
+    counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
+    counts[GREEN] = FULL
+    memory.watch(counts, np.ones((30, 40), dtype=np.bool_), np.full(40, 20.0))
+    memory.follow(usual)
+    assert memory.classes is not None
+    assert np.isfinite(memory.classes.model.green).all()
+
+
 def test_a_colour_file_is_kept(small_data: Path, tmp_path: Path) -> None:
     recording = open_source(small_data / "humanoid_9x6_walk")
     frame = next(iter(recording))
