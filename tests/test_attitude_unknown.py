@@ -27,7 +27,7 @@ from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Frame, LinePoints, Observation, Prior, Samples, Status
-from touchline.view.look import seen_through
+from touchline.view.learned_view import seen_through
 
 SUN = FULL_DATA / "humanoid_hsl_sun"
 

@@ -199,7 +199,7 @@ def _as_fitted(seen: _Seen, answer: _Answer) -> Look:
     import numpy as np
 
     from touchline.camera import GroundView, PerspectiveCamera
-    from touchline.view.look import seen_through
+    from touchline.view.learned_view import seen_through
 
     look, found, camera = seen.look, answer.found, seen.camera
     assert look is not None

@@ -25,7 +25,7 @@ from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.localization.one_shot.locate import locate, locate_points
 from touchline.perception.detectors import detector_for
 from touchline.types import Frame, ImageArray, Observation
-from touchline.view.look import seen_through
+from touchline.view.learned_view import seen_through
 from touchline.view.overlay import overlay_image
 
 LABELS = ("border_line", "goal_box_line", "connecting_line")

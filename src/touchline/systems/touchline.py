@@ -393,6 +393,7 @@ class Touchline:
             statistics=self.safeguard.integrity.statistics,
             gaze=self.gaze,
             odometry=None if best is None else best.filter.odometry,
+            camera_errors=None if best is None else best.filter.errors,
         )
 
     def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:

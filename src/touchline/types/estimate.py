@@ -125,6 +125,8 @@ class Estimate:
     """How far sensors and field contradict each other, by name, each over its threshold: from 1 on it is an alarm."""
     gaze: Looking | None = field(default=None, repr=False)
     """What finds `look`."""
+    camera_errors: FloatArray | None = field(default=None, repr=False)
+    """(K,) by which the camera differs from its camera.yaml, as a system has learned it; None of others."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", Pose(*map(float, self.pose)))

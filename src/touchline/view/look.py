@@ -23,6 +23,7 @@ from touchline.systems import DEFAULT_SYSTEM, LocalizationSystem, RobotSetup, op
 from touchline.types import Estimate, Frame, ImageArray, Observation, Status
 from touchline.view.belief import Belief, belief_of, belief_picture, particles_of
 from touchline.view.birds_eye import birds_eye_image
+from touchline.view.learned_view import as_learned
 from touchline.view.overlay import overlay_image
 
 _ASSUMED_FIELD = "msl-18x12"  # of a lone image of which only the points are wanted: its lines' width
@@ -78,22 +79,6 @@ class Look:
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
-def seen_through(seen: Observation, before: GroundView, after: GroundView) -> Observation:
-    """What was seen by a camera in one view on the ground, as that in another one places the same pixels."""
-
-    def moved(places: FloatArray) -> FloatArray:
-        ground = after.ground_from_image(before.image_from_ground(places.reshape(-1, 2)))
-        return ground.reshape(places.shape)
-
-    return replace(
-        seen,
-        points=replace(seen.points, positions_m=moved(seen.points.positions_m)),
-        lines=replace(seen.lines, ends_m=moved(seen.lines.ends_m)),
-        crossings=replace(seen.crossings, positions_m=moved(seen.crossings.positions_m)),
-        landmarks=replace(seen.landmarks, positions_m=moved(seen.landmarks.positions_m)),
-    )
-
-
 def _counts(seen: Observation) -> str:
     features = ((len(seen.lines), "line"), (len(seen.crossings), "crossing"), (len(seen.landmarks), "landmark"))
     parts = [counted(len(seen.points), "line point"), *(counted(count, what) for count, what in features if count)]
@@ -137,12 +122,12 @@ def look_at_recording(
     if unseen and source.camera_kind in PERSPECTIVE_MODELS:
         return _look_with_truth(source, index or 0, system)
     running = open_system(system, setup)
-    running.reset()
     stepped = _first_located(source, running) if index is None else _step_to(source, running, index)
     image = _readable(source, stepped.number)
     frame, estimate = stepped.frame, stepped.estimate
     detector = running.detector if frame.observation is None else None
-    assert estimate.observation is not None
+    view, seen = as_learned(source.camera, frame, stepped.lean, estimate)
+    assert seen is not None
     pose: Pose | None = estimate.pose
     found = f"{estimate.status_text()}, as {system} has it after {counted(stepped.number + 1, 'image')}"
     if not estimate.explains_image:
@@ -150,13 +135,13 @@ def look_at_recording(
     return Look(
         f"{source.name}-{stepped.number}",
         image,
-        view_at(source.camera, frame, stepped.lean),
+        view,
         detector,
-        estimate.observation,
+        seen,
         source.field,
         pose,
         found,
-        belief_of(running, source.field, estimate.observation),
+        belief_of(running, source.field, seen),
         particles_of(running),
         estimate,
     )

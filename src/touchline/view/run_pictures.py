@@ -13,12 +13,12 @@ from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.messages import counted
 from touchline.motion import LeanFilter
-from touchline.motion.attitude import view_at
 from touchline.perception.detector import observe
 from touchline.sources import Recording
 from touchline.systems import SYSTEMS, LocalizationSystem, open_system
 from touchline.types import Estimate, Frame, ImageArray, Status
 from touchline.view.belief import belief_of, belief_picture
+from touchline.view.learned_view import as_learned
 from touchline.view.overlay import overlay_image
 
 
@@ -38,8 +38,8 @@ def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: Loc
     caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
     located = estimate.status is Status.TRACKING  # field lines at a guessed pose would mislead
     caption += "" if located else "; not located, so no field lines are drawn"
-    field, view = source.field if located else None, view_at(source.camera, kept.frame, kept.lean)
-    pictures = [Picture(title, caption, overlay_image(image, view, field, estimate.pose, estimate.observation))]
+    field, (view, seen) = source.field if located else None, as_learned(source.camera, kept.frame, kept.lean, estimate)
+    pictures = [Picture(title, caption, overlay_image(image, view, field, estimate.pose, seen))]
     belief = None if estimate.observation is None else belief_of(system, source.field, estimate.observation)
     if belief is None or kept.particles is None:
         return pictures
@@ -93,7 +93,8 @@ def thumbnail(
     if frame.image is None:
         return None
     shown = field if estimate.status is Status.TRACKING else None
-    drawn = overlay_image(frame.image, view_at(camera, frame, lean), shown, estimate.pose, estimate.observation, 1)
+    view, seen = as_learned(camera, frame, lean, estimate)
+    drawn = overlay_image(frame.image, view, shown, estimate.pose, seen, 1)
     height, width = frame.image.shape[:2]
     scale = min(1.0, width_px / width)
     size = (max(1, round(scale * width)), max(1, round(scale * height)))

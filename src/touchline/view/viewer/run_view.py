@@ -13,10 +13,10 @@ from touchline.evaluation.latency import START_FRAMES
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from touchline.motion import LeanFilter
-from touchline.motion.attitude import view_at
 from touchline.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, rgb
 from touchline.perception.feature_pictures import landmark_name
 from touchline.types import Estimate, Frame, ImageArray, Observation, Status
+from touchline.view.learned_view import as_learned
 from touchline.view.overlay import ON_LINE_M, projected_lines
 from touchline.view.viewer.library import rerun_library
 
@@ -102,20 +102,19 @@ class RunView:
         self._stream.log(f"{CAMERA}/image", rerun.EncodedImage(contents=jpeg, media_type="image/jpeg"))
         if self._camera is None:
             return
-        view = view_at(self._camera, frame, self._leaning.lean(frame.stamp_ns))
+        view, seen = as_learned(self._camera, frame, self._leaning.lean(frame.stamp_ns), estimate)
         located = estimate.status is Status.TRACKING  # field lines at a guessed pose would mislead
         lines = projected_lines(view, self._field, estimate.pose) if located else []
         self._stream.log(f"{CAMERA}/field_lines", rerun.LineStrips2D(lines, colors=rgb(_FIELD_LINES), radii=0.8))
-        self._show_seen(view, estimate, located)
+        self._show_seen(view, seen or Observation(estimate.stamp_ns), estimate.pose if located else None)
 
-    def _show_seen(self, view: GroundView, estimate: Estimate, located: bool) -> None:
-        """Points, lines, crossings and landmarks where they were seen in the image."""
-        seen = estimate.observation or Observation(estimate.stamp_ns)
+    def _show_seen(self, view: GroundView, seen: Observation, pose: Pose | None) -> None:
+        """Points, lines, crossings and landmarks where they were seen in the image. pose: None if not located."""
         rerun, points = self._rerun, seen.points
         known = np.isfinite(points.pixels).all(axis=1)
         on_line: BoolArray = np.ones(len(points), dtype=np.bool_)
-        if located and len(points):
-            on_line = self._field.line_distances(estimate.pose.transform(points.positions_m)) <= ON_LINE_M
+        if pose is not None and len(points):
+            on_line = self._field.line_distances(pose.transform(points.positions_m)) <= ON_LINE_M
         colors = [rgb(SKY if near else ORANGE) for near in on_line[known].tolist()]
         self._stream.log(f"{CAMERA}/points", rerun.Points2D(points.pixels[known], colors=colors, radii=1.5))
         lines = [view.image_from_ground(ends) for ends in _stretched(seen.lines.ends_m)]
