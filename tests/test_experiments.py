@@ -179,7 +179,7 @@ def test_results_of_other_seeds_and_of_another_commit_do_not_count(
     monkeypatch.setattr(harness, "commit", lambda: "a")
     assert found([1, 2]) == [1, 4]
     assert (found([2, 3]), computed) == ([4, 9], [3])
-    assert (found([5, 6], "5"), computed) == ([1, 4, 9, 25], [5])
+    assert (found([5, 6], "5"), computed) == ([25, 1, 4, 9], [5])
     monkeypatch.setattr(harness, "commit", lambda: "b")
     assert (found([1, 2]), computed) == ([1, 4], [1, 2])
     assert (sorted(found([1], NOTHING)), computed) == ([1, 4, 9, 25], [])

@@ -163,7 +163,8 @@ def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str
             held[json.dumps(item)] = found
     if not held:
         raise InputError(f"{kept.path}: holds no results; run the experiment without --draw, or another --part")
-    return list(held.values()) if kept.part else [held[json.dumps(item)] for item in items]
+    asked = [held.pop(json.dumps(item)) for item in items if json.dumps(item) in held]
+    return [*asked, *held.values()] if kept.part else asked
 
 
 RUNS = "runs.jsonl"  # in a folder of results: which experiments are done, by what, and how long each took
