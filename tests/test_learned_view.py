@@ -38,6 +38,14 @@ def test_what_was_seen_lies_where_it_is_once_the_camera_is_learned(turned: bool)
     np.testing.assert_allclose(view.image_from_ground(ground_m), pixels, atol=1e-4)
 
 
+def test_what_another_detector_saw_outside_of_the_image_stays_where_it_is() -> None:
+    behind_m = np.array([[-2.0, 0.0], [0.0, 3.0]])
+    _, seen = as_learned(DESCRIBED, Frame(1), None, estimate(behind_m, np.array([0.0, -0.05, 0.0, 0.0])))
+    assert seen is not None
+    assert np.isfinite(seen.points.positions_m).all()
+    np.testing.assert_array_equal(seen.points.positions_m[0], behind_m[0])
+
+
 def test_without_learned_errors_the_view_is_that_of_the_file() -> None:
     view, seen = as_learned(DESCRIBED, Frame(1), None, estimate(GROUND_M, None))
     assert seen is not None

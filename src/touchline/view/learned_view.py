@@ -27,11 +27,14 @@ def as_learned(
 
 
 def seen_through(seen: Observation, before: GroundView, after: GroundView) -> Observation:
-    """What was seen by a camera in one view on the ground, as that in another one places the same pixels."""
+    """What was seen by a camera in one view on the ground, as that in another one places the same pixels; what neither
+    shows stays where it is.
+    """
 
     def moved(places: FloatArray) -> FloatArray:
-        ground = after.ground_from_image(before.image_from_ground(places.reshape(-1, 2)))
-        return ground.reshape(places.shape)
+        known = places.reshape(-1, 2)
+        ground = after.ground_from_image(before.image_from_ground(known))
+        return np.where(np.isfinite(ground).all(axis=1, keepdims=True), ground, known).reshape(places.shape)
 
     return dataclasses.replace(
         seen,
