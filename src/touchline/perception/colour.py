@@ -252,5 +252,5 @@ def _overexposed_green(colours: FloatArray, green: FloatArray) -> BoolArray:
     Up to 0.85 of G for R: from there on it may be paint in tinted light (0.87 in a photograph).
     """
     blue, limited, red = colours.T
-    follows = np.abs(blue - red * green[0] / green[2]) < 25.0
+    follows = np.abs(blue - red * green[0] / max(green[2], 1e-9)) < 25.0
     return (limited > 246.0) & (red < 0.85 * limited) & follows
