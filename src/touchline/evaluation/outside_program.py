@@ -18,6 +18,7 @@ First the field, then one line for each question; the program answers each with 
 """
 
 import math
+import os
 import select
 import shlex
 import subprocess
@@ -90,7 +91,8 @@ class OutsideProgram:
         begin = question.partition("\n")[0][:40]
         self._tell(question + "\n")
         assert self._process.stdout is not None
-        if not select.select([self._process.stdout], [], [], MAX_WAIT_S)[0]:
+        # only there can a pipe be waited for
+        if os.name == "posix" and not select.select([self._process.stdout], [], [], MAX_WAIT_S)[0]:
             said = f"no answer for {MAX_WAIT_S:.0f} s after '{begin}': does its output wait in a buffer?"
             raise TouchlineError(f"--program {self.command}: {said}")
         answer = self._process.stdout.readline(_MAX_ANSWER)

@@ -45,7 +45,7 @@ GOOD_IMAGES = (
 )
 JUMP_M = 0.25  # of the pose, after which that holds for some images
 FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
-PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much of each image
+PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much, ten images in the mean
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
