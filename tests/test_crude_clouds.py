@@ -185,3 +185,17 @@ def test_seconds_of_a_heap_alone_move_nobody() -> None:
     track = followed("touchline", replace(drive, frames=frames), 26, prior=Prior(Pose(*drive.truth[0].tolist())))
     assert not track.wrong.any()
     assert track.found[-10:].all()
+
+
+def test_what_scan_lines_would_not_see_so_densely_counts_as_what_they_see() -> None:
+    bearings = np.radians(np.arange(0.0, 360.0, 2.0))
+    circle = 3.0 * np.column_stack((np.cos(bearings), np.sin(bearings)))
+    seen = counted(circle)
+    assert (seen.weights == 1.0).all()
+    bar = np.column_stack((np.full(60, 4.0), np.linspace(-0.3, 0.3, 60)))  # within two cells of five degrees
+    both = counted(np.concatenate((circle, bar)))
+    assert not both.crude
+    assert (both.weights[: len(circle)] == 1.0).all()
+    assert both.weights[len(circle) :].sum() < 0.5 * len(bar)
+    denser = counted(np.repeat(circle, 4, axis=0) + 0.001 * RNG.standard_normal((4 * len(circle), 2)))
+    assert denser.crude or denser.weights.min() > 0.5

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from touchline.experiments.clutter import all_of, bars, nets, robots, shown, standing
 from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
 from touchline.experiments.injections import Fault, stepped
@@ -337,3 +338,14 @@ def test_a_published_system_can_have_the_monitor(name: str, switch: str, wrong_a
     assert track_of(match(), alone).wrong.sum() >= wrong_alone
     assert track_of(match(), told).wrong.sum() <= 3
     assert not wrong_alone or any("mirrored" in text for each in told for text in each.problems)
+
+
+def test_once_the_field_is_proven_clutter_costs_no_status() -> None:
+    drive = driven("match", 8010, 20.0)
+    cluttered = shown(all_of(robots, nets, standing(bars)), ratio=(0.55, 0.55))(
+        drive, np.ones(len(drive.frames), np.bool_), np.random.default_rng(1)
+    )
+    track = track_of(cluttered, estimates_of(cluttered))
+    assert not track.wrong.any()
+    assert track.tracking[-50:].mean() > 0.95
+    assert np.median(track.distances_m) < 0.05

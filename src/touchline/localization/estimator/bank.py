@@ -239,6 +239,10 @@ class Bank:
         self._update_from_team(evidence)
         self.share = self._share_of(self.members[0], image)
 
+    def excuse(self, ratio: float) -> None:
+        """What the likeliest pose does not explain counts as so much: it is clutter."""
+        self.share = 1.0 - ratio * (1.0 - self.share)
+
     def swap_ends(self) -> None:
         """Every member stands at the other end of a symmetric field."""
         for one in self.members:

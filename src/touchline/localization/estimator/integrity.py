@@ -14,8 +14,9 @@ import numpy as np
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.estimator.bank import MIN_EXPLAINED, Bank, Image
+from touchline.localization.estimator.bank import MIN_EXPLAINED, Bank, Image, Member
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
+from touchline.localization.estimator.field_proof import FieldProof
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import (
     LAGS_S,
@@ -30,7 +31,9 @@ from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
 from touchline.localization.registration.attitudes import GOOD
 from touchline.localization.registration.kernels import Plan
+from touchline.localization.registration.line_share import on_lines
 from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.registration.unseen import seen_ratio
 from touchline.motion import MotionHistory
 from touchline.types.estimate import UNCONFIRMED
 
@@ -47,6 +50,9 @@ JUMP_M = 0.25  # of the pose, after which that holds for some images
 FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
 PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much, ten images in the mean
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
+# lines so near, the share of them that has to be seen, the weight of an image in it, and as how much of what lies on
+# none counts then
+SHOWN_M, MIN_SHOWN, SHOWN_MEMORY, BESIDES = 5.0, 0.7, 0.3, 0.4
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
 CAMERA, CAMERA_EVERY = "camera", 200  # the statistic that names a problem and distrusts nothing: the error is learned
@@ -108,11 +114,13 @@ class Integrity:
         self.offsets = ConstantOffsets()
         self.arrivals = Arrivals()
         self._coverage = LineCoverage()
+        self._proof = FieldProof(field.length)
         self.reset()
 
     def reset(self, confirmed: bool = False, own_half: bool = False) -> None:
         """Nothing has been seen. confirmed: the pose was given; own_half: only that it lies there."""
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
+        self._given, self._shown = confirmed, 0.0  # whether the pose was; share of the near lines that points lie on
         self._turns_proved = False
         self._good_images = 0  # in a row that agree with a pose found in the own half
         self.motion.reset()
@@ -120,6 +128,7 @@ class Integrity:
         self.offsets.reset()
         self.arrivals.reset()
         self._coverage.reset()
+        self._proof.reset()
         self._jumps, self._jumped_ns, self._held_up = 0.0, 0, True  # whether the pose was consistent since it was found
         self.verdict = ALL_WELL
         self._seen_ns = 0  # of the newest image that the pose explains
@@ -146,15 +155,23 @@ class Integrity:
     def is_believed(self) -> bool:
         """Whether a pose may be tracked."""
         least = MIN_SHARE_JUMPED if self._since_jump < SHARE_MEMORY else MIN_SHARE_NOW
-        least = MIN_SHARE_JUMPING if self._jumps > MAX_JUMPS and self._good_s < PROBATION_S else least
+        if not self._knows_field:
+            least = MIN_SHARE_JUMPING if self._jumps > MAX_JUMPS and self._good_s < PROBATION_S else least
+            if self.relation.all_round and not self._given and self.share < USUAL_SHARE:
+                return False
         return self.confirmed and not self._doubt and self.is_consistent(least)
+
+    @property
+    def _knows_field(self) -> bool:
+        """Whether what lies on no line is clutter: the field is this one, and the motion raises no doubt."""
+        return self._proof.given and max(self.relation.statistics.values()) < SETTLED
 
     @property
     def _doubt(self) -> str:
         """Why a pose that is consistent may not be tracked; empty where it may."""
         if not self._coverage.shown:
             return "found elsewhere, where more lines would be seen than are"
-        if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S:
+        if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S and not self._knows_field:
             return "what was seen of late lay on no line: another field, clutter, or camera.yaml"
         return self.offsets.doubt
 
@@ -276,6 +293,7 @@ class Integrity:
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples, self._clock_lag(late_s))
         self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit, bank.share)
+        self._take_proof(stamp_ns, bank, jump)
         self._take_share(image, bank)
         self._take_coverage(stamp_ns, image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
@@ -345,12 +363,24 @@ class Integrity:
         if aside < LAG_ASIDE_M + LAG_ASIDE_RATIO * abs(along) and abs(along) < LAGS_S[-1] * speed:
             self.lag_s = -along / speed
 
+    def _take_proof(self, stamp_ns: int, bank: Bank, jump: Jump) -> None:
+        """With a mirror, whose lines show all round."""
+        if bank.best is None or not bank.trust.free_fit:
+            return
+        followed = not jump.elsewhere and max(self.relation.statistics.values()) < 1.0
+        seconds = 1e-9 * (stamp_ns - self._before_ns)
+        self._proof.update(bank.best.filter.pose, jump.predicted if followed else None, seconds)
+
     def _take_share(self, image: Image, bank: Bank) -> None:
         best = bank.best
         assert best is not None
         assert best.fit is not None
         trust = bank.trust.of(image.seen.crude)
-        explained, of_points = trust.share(bank.share), trust.share(best.explained)
+        of_points = trust.share(best.explained)
+        if self._knows_field and bank.share < GOOD_SHARE and self._shows_lines(image, best):
+            of_points = trust.share(bank.share)
+            bank.excuse(BESIDES)
+        explained = trust.share(bank.share)
         self._shares = [*self._shares[-SHARE_MEMORY + 1 :], explained]
         self._shares_of_points = [*self._shares_of_points[-SHARE_MEMORY + 1 :], of_points]
         self._deficit = min(max(self._deficit + USUAL_SHARE - explained, 0.0), 1.1 * MAX_DEFICIT)
@@ -365,6 +395,16 @@ class Integrity:
         scattered = np.column_stack((cosine * x - sine * y, sine * x + cosine * y))
         fit = self._registration.fit(scattered, image.seen.covariances_m2, best.fit.state[:3].copy(), _NO_STEPS)
         self._chance += 0.3 * (min(fit.explained, 0.9) - self._chance)
+
+    def _shows_lines(self, image: Image, best: Member) -> bool:
+        """Whether points lie on most of the near lines."""
+        assert best.fit is not None
+        upright = placed_points(image.seen.positions_m, best.fit.state[3:], image.response)
+        pose = best.fit.state[:3].copy()
+        on_line, _, _ = on_lines(upright, image.seen.covariances_m2, pose, self._registration.table)
+        ratio = seen_ratio(self._field.line_tables, upright[on_line], pose, SHOWN_M)
+        self._shown += SHOWN_MEMORY * (ratio - self._shown)
+        return self._shown >= MIN_SHOWN
 
     def _take_coverage(self, stamp_ns: int, image: Image, bank: Bank, jump: Jump) -> None:
         best = bank.best

@@ -29,6 +29,9 @@ RADIAL_SINE, RADIAL = math.sin(math.radians(12.0)), 0.3  # what stands is laid o
 # share of their weight that points of a detector of lines keep, and dense ones of which such a share lies on lines:
 # those stay as they are
 CLEAN, DENSE, PURE = 0.8, 0.5, 0.95
+# rays, and how much farther each ring is than the one before, of cells about the robot; a detector that looks along
+# scan lines sees a line a few times in each: so many points as in four usual ones count, however many there are
+RAYS, RING, CROWDED = 72, math.log(1.1), 4
 MAX_POINTS = 40.0  # all of a crude cloud counts as so many points: its lines err together
 DIRECTIONS = 12
 _ANGLES = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
@@ -197,6 +200,20 @@ def _likeness(ratios, found, ends):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _uncrowded(points, weights):  # type: ignore[no-untyped-def]
+    """Weights (N,) of points (N, 2), less where more are in a cell of range and bearing than scan lines find."""
+    polar = np.empty_like(points)
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        polar[i, 0] = (math.atan2(y, x) * (RAYS / (2.0 * math.pi)) + 0.5) % RAYS
+        polar[i, 1] = 0.5 * math.log(max(x * x + y * y, 1e-6)) / RING
+    cells, slots = cells_of(polar, 1.0)
+    counts = cells[cells[:, 2] > 0, 2]
+    most = CROWDED * np.sort(counts)[counts.shape[0] // 4]
+    return weights * np.minimum(most / cells[slots, 2], 1.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def count_points(points, covariances, weights):  # type: ignore[no-untyped-def]
     """What counts (`Counted`) of points (N, 2), robot frame, with covariances (N, 2, 2) and weights (N,)."""
     total = max(weights.sum(), 1e-9)
@@ -208,7 +225,7 @@ def count_points(points, covariances, weights):  # type: ignore[no-untyped-def]
     line_ratio = (counts * likeness).sum() / max(counts.sum(), 1e-9)
     counts *= likeness
     if counts.sum() > (DENSE if line_ratio > PURE else CLEAN) * total:
-        return Counted(points.copy(), covariances.copy(), weights.copy(), 1.0, False)
+        return Counted(points.copy(), covariances.copy(), _uncrowded(points, weights), 1.0, False)
     counts = np.where(radial, RADIAL * counts, counts)
     counts *= min(MAX_POINTS / max(counts.sum(), 1e-9), 1.0)
     kept = counts > 0.0

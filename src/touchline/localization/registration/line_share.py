@@ -23,11 +23,13 @@ MAX_CURVATURE = CELL_M / 8.0  # of a bar (1/cells): a quarter of that of a centr
 
 
 @numba.njit(cache=True, error_model="numpy")
-def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untyped-def]
-    """Of points (N, 2), covariances (N, 2, 2), robot frame of a pose (3,); 0 of none. lines: the field's table."""
+def on_lines(points_m, covariances_m2, pose, lines):  # type: ignore[no-untyped-def]
+    """Whether points (N, 2), covariances (N, 2, 2), robot frame of a pose (3,), are on a line each, their distances to
+    the nearest (m), and where they are in the field (N, 2). lines: the field's table.
+    """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     placed, distances_m = np.empty_like(points_m), np.empty(points_m.shape[0])
-    on_line = np.zeros(points_m.shape[0], dtype=np.int64)
+    on_line = np.zeros(points_m.shape[0], dtype=np.bool_)
     for i in range(points_m.shape[0]):
         placed[i, 0] = pose[0] + cosine * points_m[i, 0] - sine * points_m[i, 1]
         placed[i, 1] = pose[1] + sine * points_m[i, 0] + cosine * points_m[i, 1]
@@ -39,6 +41,13 @@ def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untype
         variance = 0.5 * (covariances_m2[i, 0, 0] + covariances_m2[i, 1, 1]) + FLOOR2_M2
         distances_m[i] = math.hypot(x, y)
         on_line[i] = distances_m[i] ** 2 < SIGMAS2 * variance
+    return on_line, distances_m, placed
+
+
+@numba.njit(cache=True, error_model="numpy")
+def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untyped-def]
+    """Of points (N, 2), covariances (N, 2, 2), robot frame of a pose (3,); 0 of none. lines: the field's table."""
+    on_line, distances_m, placed = on_lines(points_m, covariances_m2, pose, lines)
     cells, slots = cells_of(placed, CELL_M)
     explained, summed_m = np.zeros(cells.shape[0], dtype=np.int64), np.zeros(cells.shape[0])
     for i in range(len(slots)):
