@@ -117,11 +117,12 @@ benchmark: $(VENV)/installed
 # Results, benchmark and figures anew, from this commit: a night on two cores; stopped, it goes on in a folder of build/pages.
 # TOUCHLINE_DATA names the folder of the public recordings.
 pages: WORKERS ?= 2
+pages: BUDGET ?= 12
 pages: PAGES = build/pages/$(shell git rev-parse --short=12 HEAD)
 pages: BENCH = $(PAGES)/benchmark
 pages: loops
 	test -d "$(TOUCHLINE_DATA)"
-	$(BIN)/touchline experiment all --workers $(WORKERS) --output $(PAGES)
+	$(BIN)/touchline experiment all --workers $(WORKERS) --budget $(BUDGET) --seeds 30 --output $(PAGES)
 	$(BIN)/touchline bench suite touchline-bench-1 --workers $(WORKERS) --output $(BENCH)/systems.jsonl $(foreach system, \
 	  touchline nubot-mti nubot-mcl iris-fusion nimbro-lines nubot-mti:paper nubot-mcl:paper iris-fusion:paper \
 	  nimbro-lines:paper, --system $(system))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from pathlib import Path
@@ -34,6 +35,10 @@ def experiment(
         str, typer.Option(metavar="REGEX", help="Of faults and play: run those of its tasks that it matches alone.")
     ] = "",
     draw: Annotated[bool, typer.Option("--draw", help="Run nothing: table and pictures of what DIR holds.")] = False,
+    budget: Annotated[
+        float | None,
+        typer.Option(min=0.1, metavar="MINUTES", help="Of each: as many seeds as fit, by the time of the first one."),
+    ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the experiments and stop.")] = False,
 ) -> None:
     """Rerun an experiment of the papers: our figures beside theirs, the picture, a row in DIR/results.md.
@@ -41,7 +46,7 @@ def experiment(
     touchline experiment lu2013-kidnap --seeds 5   reruns one. Without a name, the experiments are listed.
 
     faults and play take hours: their results are kept in DIR/NAME.jsonl as they come, and a second run goes on there.
-    all takes a night; begun again it leaves what DIR holds of these seeds by the same commit.
+    all takes a night with --budget 12; begun again it leaves what DIR holds of these seeds by the same commit.
     """
     from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
@@ -60,11 +65,16 @@ def experiment(
         raise InputError(f"--part {part}: is no regular expression ({error})") from None
     with open_workers(workers, dask) as hands:
         for chosen in experiments:
-            which, begun_s = range(first_seed, first_seed + seeds), time.monotonic()
-            if name == "all" and not draw and is_done(output, chosen.name, which):
+            asked, begun_s = range(first_seed, first_seed + seeds), time.monotonic()
+            if name == "all" and not draw and is_done(output, chosen.name, asked, fewer=budget is not None):
                 say(f"{chosen.name}: done before\n", style="dim")
                 continue
-            result = _run(chosen, which, hands, (output, NOTHING if draw else part))
+            kept, which = (output, NOTHING if draw else part), asked if budget is None else asked[:1]
+            result = _run(chosen, which, hands, kept)
+            fit = math.floor(60.0 * (budget or 0.0) / (time.monotonic() - begun_s)) - 1  # beside the first
+            if which != asked and fit > 1:
+                which = asked[:fit]
+                result = _run(chosen, which, hands, kept)
             files = write_result(result, output, list(EXPERIMENTS))
             if not (draw or part):
                 note_done(output, chosen.name, which, (time.monotonic() - begun_s) / 60.0)

@@ -170,17 +170,19 @@ def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str
 RUNS = "runs.jsonl"  # in a folder of results: which experiments are done, by what, and how long each took
 
 
-def is_done(folder: Path, name: str, seeds: range) -> bool:
-    """Whether the page that a folder holds of an experiment is of these seeds, by this commit, where that is known.
-    Raises InputError for other files.
+def is_done(folder: Path, name: str, seeds: range, fewer: bool = False) -> bool:
+    """Whether the page that a folder holds of an experiment is of these seeds, or only the first of them, by this
+    commit, where that is known. Raises InputError for other files.
     """
     path, by = folder / RUNS, about()
     try:
         lines = [json.loads(line) for line in _whole_lines(path).splitlines()]
-        newest = {one["name"]: (*one["seeds"], one["commit"], one["versions"]) for one in lines}
+        newest = {one["name"]: (range(*one["seeds"]), one["commit"], one["versions"]) for one in lines}
     except (ValueError, TypeError, KeyError):
         raise InputError(f"{path}: is no list of runs; choose another folder") from None
-    same = newest.get(name) == (seeds.start, seeds.stop, by["commit"], by["versions"])
+    found, *of = newest.get(name, (range(0), "", {}))
+    of_these = found == (seeds[: len(found)] if fewer else seeds) and len(found) > 0
+    same = of_these and of == [by["commit"], by["versions"]]
     return bool(by["commit"]) and same and (folder / f"{name}.md").is_file()
 
 
