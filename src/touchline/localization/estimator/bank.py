@@ -349,9 +349,9 @@ class Bank:
         self._settle(self.members)
 
     def _share_of(self, best: Member, image: Image) -> float:
-        """What registration explains; with a mirror, whose lines show all round, more where things hide it."""
+        """What registration explains; of line points more, where things stand besides that are no lines."""
         seen, fit = image.seen, best.fit
-        if fit is None or seen.crude or not self.trust.free_fit or len(seen.raw_m):
+        if fit is None or seen.crude or len(seen.raw_m):
             return best.explained
         upright = placed_points(seen.positions_m, fit.state[3:], image.response)
         counted = line_share(upright, seen.covariances_m2, fit.state[:3], self.registration.table)
