@@ -16,6 +16,7 @@ from rich.table import Table
 from touchline.cli.console import announce_compiling, errors_console, plain_table, say
 from touchline.cli.console import output as output_console
 from touchline.errors import InputError, NoFitError, TouchlineError
+from touchline.files.new import PICTURE_ENDINGS
 
 if TYPE_CHECKING:
     from touchline.camera import Camera
@@ -66,11 +67,11 @@ def locate(
         raise InputError(
             f"{source}: is a folder; expected one CSV file of line points or one image (touchline run takes recordings)"
         )
-    from touchline.view.picture_files import PICTURE_ENDINGS, check_new_picture
-
     if camera is None and source.suffix.lower() in PICTURE_ENDINGS:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
     if output is not None:
+        from touchline.view.picture_files import check_new_picture
+
         check_new_picture(output)
     from touchline.field import open_field
 
@@ -170,6 +171,9 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
 
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
+    from numba.np import linalg
+
+    linalg.ensure_blas = lambda: None  # would import scipy.linalg, which is there and not needed here: 0.1 s
     from touchline.localization.one_shot.advice import better_fits, fit_scale
     from touchline.localization.one_shot.locate import PoorFitError, locate, locate_points
 
@@ -211,17 +215,17 @@ def _as_fitted(seen: _Seen, answer: _Answer) -> Look:
 
 def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output: Path | None) -> Path | None:
     """The picture that was drawn: that of an image in any case, that of points if it was asked for."""
+    pose = None if isinstance(answer.found, NoFitError) else answer.found.pose
+    if seen.look is None and (output is None or pose is None):
+        return None
     from touchline.evaluation.run_folder import new_folder
     from touchline.view.picture_files import save_picture
 
-    pose = None if isinstance(answer.found, NoFitError) else answer.found.pose
+    output = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
     if seen.look is not None:
-        output = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
         save_picture(output, replace(_as_fitted(seen, answer), field_from_robot=pose).overlay())
-        return output
-    if output is None or pose is None:
-        return None
-    save_picture(output, _field_picture(field, pose, answer.points))
+    elif pose is not None:
+        save_picture(output, _field_picture(field, pose, answer.points))
     return output
 
 

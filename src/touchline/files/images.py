@@ -9,7 +9,6 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -88,6 +87,8 @@ def decode(data: bytes, flags: int) -> npt.NDArray[Any] | str:
         return what
     if data.startswith(_PNG_START) and _png_claims_more(data):
         return "is a PNG file that ends early, or is damaged inside"
+    import cv2  # takes its time, and whoever reads a camera.yaml needs none of it
+
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error:
@@ -95,9 +96,11 @@ def decode(data: bytes, flags: int) -> npt.NDArray[Any] | str:
     return "is not an image that can be decoded" if pixels is None else pixels
 
 
-def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> npt.NDArray[Any]:
-    """The pixels (H, W) or (H, W, 3) BGR of an image file. Raises UnreadableError if it is none, or too large."""
-    pixels = decode(read_image_bytes(path), flags)
+def read_image(path: Path) -> npt.NDArray[Any]:
+    """The pixels (H, W, 3) BGR of an image file. Raises UnreadableError if it is none, or too large."""
+    from cv2 import IMREAD_COLOR
+
+    pixels = decode(read_image_bytes(path), IMREAD_COLOR)
     if isinstance(pixels, str):
         raise UnreadableError(path, pixels)
     return pixels

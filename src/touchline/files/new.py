@@ -6,6 +6,7 @@ from pathlib import Path
 
 from touchline.errors import InputError, TouchlineError
 
+PICTURE_ENDINGS = (".png", ".jpg", ".jpeg")
 _MAX_NAME = 200  # bytes; file systems take 255, and something is put behind it
 
 

@@ -5,10 +5,8 @@ from pathlib import Path
 import cv2
 
 from touchline.errors import InputError
-from touchline.files.new import check_new_file, write_new_file
+from touchline.files.new import PICTURE_ENDINGS, check_new_file, write_new_file
 from touchline.types import ImageArray
-
-PICTURE_ENDINGS = (".png", ".jpg", ".jpeg")
 
 
 def check_new_picture(path: Path) -> None:

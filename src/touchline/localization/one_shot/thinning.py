@@ -1,8 +1,12 @@
 """Fewer points of an observation that stand for all of them."""
 
+from bisect import bisect_left
+
 import numpy as np
 
 from touchline.geometry import FloatArray, IndexArray
+
+_CELLS_M = np.cumprod([0.02, *[1.2] * 127]).tolist()
 
 
 def different(rows: FloatArray) -> IndexArray:
@@ -31,9 +35,8 @@ def thinned(points: FloatArray, cell_m: float) -> FloatArray:
 
 
 def thinned_to(points: FloatArray, count: int) -> FloatArray:
-    """About so many points at most, evenly over the ground: cells grow until few enough are left."""
-    cell_m, kept = 0.02, points
-    while len(kept) > count:
-        kept = thinned(points, cell_m)
-        cell_m *= 1.2
-    return np.ascontiguousarray(kept)
+    """About so many points at most, evenly over the ground: cells as small as leave few enough."""
+    if len(points) <= count:
+        return np.ascontiguousarray(points)
+    few_enough = bisect_left(_CELLS_M, True, key=lambda cell_m: len(thinned(points, cell_m)) <= count)
+    return thinned(points, _CELLS_M[min(few_enough, len(_CELLS_M) - 1)])

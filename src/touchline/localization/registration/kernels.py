@@ -202,6 +202,15 @@ def register(points, covariances, table, start, plan):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True, error_model="numpy")
+def descend_all(points, covariances, table, starts, plan):  # type: ignore[no-untyped-def]
+    """The poses alone (K, 3) that `register` comes to from each of starts (K, 3)."""
+    poses, seen = starts.copy(), points_of(points, covariances, table, np.empty(_ROOM))
+    for k in range(starts.shape[0]):
+        _descend(seen, poses[k], plan)
+    return poses
+
+
+@numba.njit(cache=True, error_model="numpy")
 def register_all(points, covariances, table, starts, plan):  # type: ignore[no-untyped-def]
     """`register` from each of starts (K, 3): `Fits`."""
     count, seen = starts.shape[0], points_of(points, covariances, table, np.empty(_ROOM))
