@@ -1,4 +1,4 @@
-"""Monte Carlo localization: one whole cycle, its parts beside their NumPy twin, and the curve to 100 000 particles."""
+"""Monte Carlo localization: one whole cycle, its parts beside their NumPy twin, and the curve to a million particles."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def cycle(mcl: NubotParticles, points: FloatArray) -> None:
     mcl.update(points, None)
 
 
-@pytest.mark.parametrize("particles", [1, 100, 600, 2000, 6000, 20_000, 100_000])
+@pytest.mark.parametrize("particles", [1, 100, 600, 2000, 6000, 20_000, 100_000, 1_000_000])
 def test_one_whole_cycle(benchmark: BenchmarkFixture, particles: int) -> None:
-    """Motion, weights, resampling, estimate with 100 points: 600 particles in 350 µs or less, then linear."""
+    """Motion, weights, resampling, estimate with 100 points: 600 particles in 350 µs or less, then linear: 350 ms a million."""
     mcl, points = spread(particles), line_points(100)
     benchmark(cycle, mcl, points)
 
