@@ -27,6 +27,7 @@ from touchline.types import ImageArray
 
 _MIN_TINT, _MAX_TINT = 0.04, 0.4  # change of the carpet's colour (logarithm) that is followed, and the most
 _EVERY, _MIN_CELLS = 3, 50  # one in so many cells is looked at, and so many of carpet tell it
+_MAX_LOOKS = 2000  # of such cells: the most that are looked at, as of an image of 752 x 480 pixels
 _MIN_FIELD = 500  # cells of a field: with less, all of the ground is looked at
 _GREENISH = 0.35  # of the learned carpet's excess of green, from which on a colour may be carpet in other light
 
@@ -129,5 +130,6 @@ def _look_at_ground(counts: CountArray, horizon: BoolArray, ends: FloatArray) ->
             if row >= rows - ends[column]:
                 pixels[1, field, 0], pixels[1, field, 1] = v, u
                 field += 1
-    looked_at = pixels[1, :field:_EVERY] if field > _MIN_FIELD else pixels[0, :ground:_EVERY]
+    kind, count = (1, field) if field > _MIN_FIELD else (0, ground)
+    looked_at = pixels[kind, : count : max(_EVERY, -(-count // _MAX_LOOKS))]
     return looked_at, green / (FULL * max(ground, 1))

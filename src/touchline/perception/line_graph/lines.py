@@ -136,12 +136,12 @@ def _members_of(chains: Chains, parts: IntArray, members: IntArray, group: int) 
 def _merge(nodes: FloatArray, chains: Chains, split: float, parts: IntArray, members: IntArray) -> None:
     """Give parts whose lines are alike the same number in members (K,)."""
     for a in range(len(parts)):
+        one = _members_of(chains, parts, members, members[a])
+        _, _, dxa, dya = fit_line(nodes, one)
         for b in range(a + 1, len(parts)):
             if members[a] == members[b]:
                 continue
-            one = _members_of(chains, parts, members, members[a])
             other = _members_of(chains, parts, members, members[b])
-            _, _, dxa, dya = fit_line(nodes, one)
             _, _, dxb, dyb = fit_line(nodes, other)
             if abs(dxa * dyb - dya * dxb) > math.sin(_SAME_RAD):
                 continue
@@ -155,6 +155,8 @@ def _merge(nodes: FloatArray, chains: Chains, split: float, parts: IntArray, mem
                 for k in range(len(parts)):
                     if members[k] == gone:
                         members[k] = members[a]
+                one = _members_of(chains, parts, members, members[a])
+                _, _, dxa, dya = fit_line(nodes, one)
 
 
 @njit(cache=True)
