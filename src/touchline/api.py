@@ -103,11 +103,11 @@ class PreparedRun:
         *,
         on_frame: Sequence[OnFrame] = (),
         stop: Callable[[], bool] = lambda: False,
-        report: Callable[[Mapping[str, Any]], bool] = lambda summary: True,
+        report: Callable[[Mapping[str, Any]], bool] | None = lambda summary: True,
     ) -> tuple[Run, BaseException | None]:
         """Run to the end, to a failure, or until `stop` says so; the (new, empty) folder is finished in each case.
 
-        report: whether a run with this summary gets a report.
+        report: whether a run with this summary gets a report; None: no run does, and no pictures are drawn for it.
 
         Returns the run, and the exception that ended it, if one did. Raises TouchlineError, with the file's name, for
         what cannot be written; what was written before stays whole.
@@ -124,7 +124,7 @@ class PreparedRun:
                 on_frame=on_frame,
                 stop=stop,
                 particles=lambda: particles_of(self.system),
-                draw=thumbnails(self.source),
+                draw=(lambda *_: None) if report is None else thumbnails(self.source),
             )
         try:
             return self._finish(folder, description, tally, report), tally.failure
@@ -132,7 +132,11 @@ class PreparedRun:
             raise (tally.failure if isinstance(tally.failure, TouchlineError) else error) from None
 
     def _finish(
-        self, folder: Path, description: dict[str, Any], tally: RunTally, report: Callable[[Mapping[str, Any]], bool]
+        self,
+        folder: Path,
+        description: dict[str, Any],
+        tally: RunTally,
+        report: Callable[[Mapping[str, Any]], bool] | None,
     ) -> Run:
         summary = {**description, **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
@@ -145,7 +149,7 @@ class PreparedRun:
             summary["errors"] = finished.errors.as_dict()
         finished.summary = summary
         write_summary(folder, summary)
-        if report(summary):
+        if report is not None and report(summary):
             _write_report(finished, self.source, tally, self.system)
         return finished
 

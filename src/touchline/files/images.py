@@ -78,9 +78,12 @@ def image_size(data: bytes) -> ImageSize | None:
     return size if size is not None and min(size) > 0 else None
 
 
-def decode(data: bytes, flags: int) -> npt.NDArray[Any] | str:
-    """The pixels (H, W) or (H, W, 3) BGR of an image file as cv2.imdecode's flags say, or why there are none."""
-    size = image_size(data)
+def decode(data: bytes, flags: int, size: ImageSize | None = None) -> npt.NDArray[Any] | str:
+    """The pixels (H, W) or (H, W, 3) BGR of an image file as cv2.imdecode's flags say, or why there are none.
+
+    size: as `image_size` has it, where that was asked already.
+    """
+    size = size or image_size(data)
     if size is None:
         return f"is not an image that can be decoded ({_FORMATS})"
     if (what := too_large(size)) is not None:

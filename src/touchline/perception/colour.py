@@ -4,13 +4,13 @@ Pixels of one surface under brighter or darker light lie on a ray through the or
 keeps rays). The carpet is the most frequent greenish ray near the robot. White is what rises above the green beside it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import njit
 
 from touchline.errors import TouchlineError
 from touchline.geometry import BoolArray, ByteArray, FloatArray
@@ -213,44 +213,33 @@ def _signal_weights(carpet: Carpet, white: FloatArray) -> FloatArray:
     return weights / float(weights @ (white - carpet.green))
 
 
-class _Cells(NamedTuple):
-    """The cells of a table of colours. middles (N, 3): B, G, R; brightness (N,): their sums; shares (N, 2): of B, R."""
-
-    middles: FloatArray
-    brightness: FloatArray
-    shares: FloatArray
-
-
-@lru_cache(maxsize=1)
-def _cells() -> _Cells:
-    levels = (np.arange(1 << _BITS) + 0.5) * (1 << (8 - _BITS))
-    middles = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    return _Cells(middles, middles.sum(axis=1), chromaticity(middles))
-
-
 def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> ByteArray:
-    green, cells = carpet.green, _cells()
-    brightness = cells.brightness / green.sum()
-    offset = cells.shares - carpet.center
-    turned = offset @ np.linalg.inv(carpet.spread)
-    distance = np.sqrt(turned[:, 0] * offset[:, 0] + turned[:, 1] * offset[:, 1])
-    excess, toward = cells.middles - green, white - green
-    # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
-    is_green = distance < GREEN_SIGMAS * np.clip(1.0 / brightness, 0.6, 3.0)
-    is_green &= (brightness > DARKEST_GREEN) & (excess @ signal < WHITEST_GREEN)
-    is_green |= _overexposed_green(cells.middles, green)
-    length = np.sqrt(excess[:, 0] ** 2 + excess[:, 1] ** 2 + excess[:, 2] ** 2)
-    ahead = excess @ toward
-    cosine = ahead / np.maximum(length * np.linalg.norm(toward), 1e-9)
-    is_white = ~is_green & (cosine > 0.8) & (ahead > 0.3 * float(toward @ toward))
-    return np.where(is_green, GREEN, np.where(is_white, WHITE, OTHER)).astype(np.uint8).reshape((1 << _BITS,) * 3)
+    table = np.empty((1 << _BITS,) * 3, dtype=np.uint8)
+    _fill_table(table, carpet.green, carpet.center, np.linalg.inv(carpet.spread), white, signal)
+    return table
 
 
-def _overexposed_green(colours: FloatArray, green: FloatArray) -> BoolArray:
-    """Sun-lit carpet whose G is at its limit: B and R still go on together.
-
-    Up to 0.85 of G for R: from there on it may be paint in tinted light (0.87 in a photograph).
-    """
-    blue, limited, red = colours.T
-    follows = np.abs(blue - red * green[0] / max(green[2], 1e-9)) < 25.0
-    return (limited > 246.0) & (red < 0.85 * limited) & follows
+@njit(cache=True, error_model="numpy")
+def _fill_table(
+    table: ByteArray, green: FloatArray, center: FloatArray, inverse: FloatArray, white: FloatArray, signal: FloatArray
+) -> None:
+    """The class of the middle of every cell of a table, see `ColourModel`. inverse (2, 2): of the carpet's spread."""
+    wb, wg, wr = white[0] - green[0], white[1] - green[1], white[2] - green[2]
+    usual, contrast2, width = green.sum(), wb * wb + wg * wg + wr * wr, 1 << (8 - _BITS)
+    flat = table.ravel()
+    for i in range(flat.size):
+        b, g, r = (((i >> (2 * _BITS)) + 0.5) * width, ((i >> _BITS) % (1 << _BITS) + 0.5) * width,
+                   (i % (1 << _BITS) + 0.5) * width)  # fmt: skip
+        brightness, db, dg, dr = (b + g + r) / usual, b - green[0], g - green[1], r - green[2]
+        u, v = b / (b + g + r) - center[0], r / (b + g + r) - center[1]
+        distance2 = u * (u * inverse[0, 0] + v * inverse[1, 0]) + v * (u * inverse[0, 1] + v * inverse[1, 1])
+        # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
+        is_green = math.sqrt(distance2) < GREEN_SIGMAS * min(max(1.0 / brightness, 0.6), 3.0)
+        is_green &= brightness > DARKEST_GREEN and db * signal[0] + dg * signal[1] + dr * signal[2] < WHITEST_GREEN
+        # sun-lit carpet whose G is at its limit: B and R still go on together, up to 0.85 of G for R; from there on it
+        # may be paint in tinted light (0.87 in a photograph)
+        follows = abs(b - r * green[0] / max(green[2], 1e-9)) < 25.0
+        is_green |= g > 246.0 and r < 0.85 * g and follows
+        ahead, length2 = db * wb + dg * wg + dr * wr, db * db + dg * dg + dr * dr
+        is_white = ahead > 0.3 * contrast2 and ahead > 0.8 * max(math.sqrt(length2 * contrast2), 1e-9)
+        flat[i] = GREEN if is_green else WHITE if is_white else OTHER

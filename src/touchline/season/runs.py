@@ -134,9 +134,10 @@ def _localized(path: Path, folder: Path, command: Command) -> Row:
 
     def wants_report(summary: Mapping[str, Any]) -> bool:
         lost = not summary["status"][Status.TRACKING]
-        return command.report == "all" or (command.report == "failed" and (lost or summary["failure"] is not None))
+        return command.report == "all" or lost or summary["failure"] is not None
 
-    finished, failure = prepared.execute(new_folder(folder, folder.name), report=wants_report)
+    report = None if command.report == "none" else wants_report
+    finished, failure = prepared.execute(new_folder(folder, folder.name), report=report)
     write_estimates(folder, finished.estimates)
     row = row_of(finished)
     if failure is not None:

@@ -83,7 +83,7 @@ def decode_bytes(data: bytes, expected: tuple[int, int] | None = None) -> Decode
     size = image_size(data)
     if expected is not None and size is not None and math.prod(size) > max(math.prod(expected), _SMALL_PX):
         return _of_other_size(size, expected)
-    pixels = decode(data, _FLAGS)
+    pixels = decode(data, _FLAGS, size)
     if isinstance(pixels, str):
         return Decoded(None, ProblemKind.BROKEN_IMAGE, pixels)
     if data.startswith(_JPEG_START) and bool((pixels[-8:, -8:] == _FILL).all()) and bool((pixels != _FILL).any()):

@@ -1,0 +1,82 @@
+"""How many images a second a season is localised at, by one worker and by two, and whether memory stays flat (Linux).
+
+    python benchmarks/season.py RECORDING... [--recordings N] [--workers N]...
+
+Links to the recordings, in turns, stand for a season of so many. Images a second are those of the wall, and those of a
+second of processor time, which what else the machine does hardly changes; start, reading and decoding are included,
+reports are not. Memory is a worker's largest resident set within each quarter of the run, in brackets without mapped
+files, which workers share (95 MB of LLVM's library).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from touchline.evaluation.latency import cpu_name
+
+_PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def largest_mb(parent: int) -> tuple[float, float]:
+    """The largest resident set (MB) of a process and its children, all and without mapped files."""
+    sizes = [(0.0, 0.0)]
+    for folder in Path("/proc").iterdir():
+        try:
+            if folder.name.isdigit():
+                own = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                if parent in (own, int(folder.name)):
+                    resident, mapped = map(int, (folder / "statm").read_text().split()[1:3])
+                    sizes.append((_PAGE_MB * resident, _PAGE_MB * (resident - mapped)))
+        except OSError:  # has ended
+            continue
+    return max(sizes)
+
+
+def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> str:
+    """A row of the table."""
+    season = folder / "season.txt"
+    links = [folder / f"{k:04d}-{recordings[k % len(recordings)].name}" for k in range(count)]
+    for k, link in enumerate(links):
+        link.symlink_to(recordings[k % len(recordings)].resolve())
+    season.write_text("\n".join(map(str, links)))
+    command = [sys.executable, "-m", "touchline", "run", str(season), "--output", str(folder / "runs")]
+    begun_s, sizes = time.perf_counter(), []
+    process = subprocess.Popen([*command, "--workers", str(workers), "--report", "none"], stdout=subprocess.DEVNULL)
+    while process.poll() is None:
+        sizes.append(largest_mb(process.pid))
+        time.sleep(0.5)
+    wall_s, spent = time.perf_counter() - begun_s, os.times()
+    with (folder / "runs" / "runs.csv").open() as file:
+        images = sum(int(row["images"] or 0) for row in csv.DictReader(file))
+    quarter = -(-len(sizes) // 4)
+    peaks = [max(sizes[at : at + quarter]) for at in range(0, len(sizes), quarter)]
+    memory = ", ".join(f"{whole:.0f} ({own:.0f})" for whole, own in peaks)
+    processor_s = spent.children_user + spent.children_system
+    return (
+        f"{workers:>7}{images:>9}{wall_s:>8.0f}{images / wall_s / workers:>10.0f}{images / processor_s:>12.0f}"
+        f"   {memory} MB"
+    )
+
+
+def main() -> None:
+    """Print a row for each number of workers."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING")
+    parser.add_argument("--recordings", type=int, default=200, dest="count", metavar="N")
+    parser.add_argument("--workers", type=int, default=1)
+    given = parser.parse_args()
+    print(f"{given.count} recordings; {cpu_name()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    print(f"{'workers':>7}{'images':>9}{'wall s':>8}{'img/s/w':>10}{'img/cpu s':>12}   memory by quarters of the run")
+    with TemporaryDirectory() as folder:
+        print(measure(given.recordings, given.count, given.workers, Path(folder)))
+
+
+if __name__ == "__main__":
+    main()
