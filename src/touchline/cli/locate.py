@@ -171,9 +171,6 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
 
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
-    from numba.np import linalg
-
-    linalg.ensure_blas = lambda: None  # would import scipy.linalg, which is there and not needed here: 0.1 s
     from touchline.localization.one_shot.advice import better_fits, fit_scale
     from touchline.localization.one_shot.locate import PoorFitError, locate, locate_points
 
