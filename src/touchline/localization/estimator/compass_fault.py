@@ -102,9 +102,13 @@ class CompassFaultFilter:
         total = sum(right) + sum(wrong)
         return (right[1] + wrong[1]) / total, (right[2] + wrong[2]) / total
 
+    def forget_end(self) -> None:
+        """Nothing is known of the end; of its faults what was known."""
+        self.states = _both_ends(*self._failed)
+
     def begin(self, error_rad: float | None) -> None:
         """A pose was found anew that a compass differs from: of its end nothing else is known."""
-        self.states = _both_ends(*self._failed)
+        self.forget_end()
         support = supports(error_rad)
         if support:
             self.states = _weighed(self.states, _FIRST_READING[support])

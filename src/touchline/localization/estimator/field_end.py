@@ -121,9 +121,9 @@ class FieldEnd:
         self._jumping = 0
 
     def leave_open(self) -> None:
-        """Nothing is known of the end until something tells."""
+        """Nothing is known of the end until something tells; a compass that had failed does not."""
         self._forget(False)
-        self.compass.reset()
+        self.compass.forget_end()
         self.undecided = True
 
     def jumped(self) -> None:
