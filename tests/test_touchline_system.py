@@ -377,6 +377,16 @@ def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_d
     assert not coarse.sticks
 
 
+@pytest.mark.parametrize(("failed_s", "decides"), [(0.0, True), (3.0, False)])
+def test_an_end_that_is_left_open_is_not_decided_by_a_compass_that_had_failed(failed_s: float, decides: bool) -> None:
+    end = compared(found(known=True, compass_error_rad=0.0), 0.0, 20.0)
+    compared(end, math.pi, failed_s)
+    end.leave_open()
+    assert end.probability == pytest.approx(0.5)
+    compared(end, math.pi if failed_s else 0.0, 10.0)
+    assert end.undecided is not decides
+
+
 def test_a_compass_that_turns_as_the_pose_jumps_leaves_the_end_undecided() -> None:
     def agreed_for_10_s() -> FieldEnd:
         return compared(found(known=True, compass_error_rad=0.0), 0.0, 10.0)
