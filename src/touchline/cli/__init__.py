@@ -21,8 +21,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0: done. 1: the run failed. 2: bad arguments or input. 130: interrupted. Errors go to stderr in one message.
     """
     _open_output()
-    gc.set_threshold(100_000)  # from 700: what imports make stays, and looking through it takes 0.1 s on the way
-    atexit.register(gc.freeze)  # and as long at the end
+    if arguments is None:  # the command itself
+        gc.set_threshold(100_000)  # what imports make stays, and looking through it takes 0.1 s on the way
+        atexit.register(gc.freeze)  # and as long at the end
     os.environ["MPLBACKEND"] = "agg"  # figures are written, not shown; Matplotlib refuses names that it does not know
     for library in ("OPENBLAS", "MKL"):  # matrices are small: more threads would wait for each other
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")

@@ -1,21 +1,24 @@
 """Whether a pose has been followed so far across the field that the field must be this one.
 
 Near a goal another field's lines fit as well as the right ones, and so they do about the centre; between the two, the
-pose then slides along by as much as the fields differ. One that has crossed half of the field, and was moved by the
-images no more than odometries slip, is of this field, and what lies on no line besides is clutter.
+pose then slides along by as much as the fields differ. One that has gone along half of the field, and was moved by the
+images no more than odometries slip, is of this field, and what lies on no line besides is clutter. A field that is a
+twentieth larger or smaller passes: its poses are wrong by no more than a slip.
 """
 
 import math
 
 from touchline.geometry import Pose
 
-CROSSED = 0.45  # of the field's length, between the places that the pose has been at
+CROSSED = 0.45  # of the field's length, between the places along it that the pose has been at
 SLIPPED_M, MEMORY_M = 0.3, 4.0  # by which images may have moved it, and the way over which that is forgotten
 AWAY_S = 0.5  # between two images, after which nothing shows that it was followed
+SHOWN_M, MIN_SHOWN = 5.0, 0.7  # lines so near, and the share of them that points lie on
+SHOWN_MEMORY = 0.3  # weight of an image in it
 
 
 class FieldProof:
-    """`given`: whether the pose that is followed has shown which field it is."""
+    """`given`: whether the pose that is followed has shown that the field is the one that was told."""
 
     def __init__(self, length_m: float) -> None:
         """length_m: of the field."""
@@ -25,13 +28,18 @@ class FieldProof:
     def reset(self) -> None:
         """Nothing was followed."""
         self._last: Pose | None = None
-        self._low, self._high, self._slipped = (math.inf, math.inf), (-math.inf, -math.inf), (0.0, 0.0)
+        self._low_m, self._high_m, self._slipped_m = math.inf, -math.inf, (0.0, 0.0)
+        self._shown: float | None = None
 
     @property
     def given(self) -> bool:
-        """See the class."""
-        crossed_m = math.hypot(self._high[0] - self._low[0], self._high[1] - self._low[1])
-        return self._last is not None and crossed_m > self._crossed_m and math.hypot(*self._slipped) < SLIPPED_M
+        """Whether it has gone far enough, without sliding."""
+        return self._high_m - self._low_m > self._crossed_m and math.hypot(*self._slipped_m) < SLIPPED_M
+
+    def shows(self, ratio: float) -> bool:
+        """Take the share of the near lines that points of an image lie on; whether that is most of them, of late."""
+        self._shown = ratio if self._shown is None else self._shown + SHOWN_MEMORY * (ratio - self._shown)
+        return self._shown >= MIN_SHOWN
 
     def update(self, pose: Pose, predicted: Pose | None, seconds: float) -> None:
         """Take a pose after an image, and where it was predicted; None: it was not followed. seconds: since the last
@@ -41,8 +49,7 @@ class FieldProof:
             self.reset()
         way_m = 0.0 if self._last is None else pose.distance_to(self._last)
         if predicted is not None and self._last is not None:
-            kept, (x, y) = math.exp(-way_m / MEMORY_M), self._slipped
-            self._slipped = kept * x + pose.x - predicted.x, kept * y + pose.y - predicted.y
+            kept, (x, y) = math.exp(-way_m / MEMORY_M), self._slipped_m
+            self._slipped_m = kept * x + pose.x - predicted.x, kept * y + pose.y - predicted.y
         self._last = pose
-        self._low = min(self._low[0], pose.x), min(self._low[1], pose.y)
-        self._high = max(self._high[0], pose.x), max(self._high[1], pose.y)
+        self._low_m, self._high_m = min(self._low_m, pose.x), max(self._high_m, pose.x)

@@ -16,7 +16,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.estimator.bank import MIN_EXPLAINED, Bank, Image, Member
 from touchline.localization.estimator.constant_offsets import ConstantOffsets
-from touchline.localization.estimator.field_proof import FieldProof
+from touchline.localization.estimator.field_proof import SHOWN_M, FieldProof
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import (
     LAGS_S,
@@ -50,9 +50,7 @@ JUMP_M = 0.25  # of the pose, after which that holds for some images
 FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
 PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much, ten images in the mean
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
-# lines so near, the share of them that has to be seen, the weight of an image in it, and as how much of what lies on
-# none counts then
-SHOWN_M, MIN_SHOWN, SHOWN_MEMORY, BESIDES = 5.0, 0.7, 0.3, 0.4
+BESIDES = 0.4  # as how much what lies on no line counts once the field is known
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
 CAMERA, CAMERA_EVERY = "camera", 200  # the statistic that names a problem and distrusts nothing: the error is learned
@@ -117,10 +115,12 @@ class Integrity:
         self._proof = FieldProof(field.length)
         self.reset()
 
-    def reset(self, confirmed: bool = False, own_half: bool = False) -> None:
-        """Nothing has been seen. confirmed: the pose was given; own_half: only that it lies there."""
+    def reset(self, confirmed: bool = False, own_half: bool = False, given: bool = False) -> None:
+        """Nothing has been seen. confirmed: something was given; own_half: only that the robot stands there; given: its
+        pose.
+        """
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
-        self._given, self._shown = confirmed, 0.0  # whether the pose was; share of the near lines that points lie on
+        self._given = given  # whether the pose was, and the images agreed
         self._turns_proved = False
         self._good_images = 0  # in a row that agree with a pose found in the own half
         self.motion.reset()
@@ -129,6 +129,7 @@ class Integrity:
         self.arrivals.reset()
         self._coverage.reset()
         self._proof.reset()
+        self._knows_field = False  # whether what lies on no line is clutter: the motion raises no doubt, either
         self._jumps, self._jumped_ns, self._held_up = 0.0, 0, True  # whether the pose was consistent since it was found
         self.verdict = ALL_WELL
         self._seen_ns = 0  # of the newest image that the pose explains
@@ -160,11 +161,6 @@ class Integrity:
             if self.relation.all_round and not self._given and self.share < USUAL_SHARE:
                 return False
         return self.confirmed and not self._doubt and self.is_consistent(least)
-
-    @property
-    def _knows_field(self) -> bool:
-        """Whether what lies on no line is clutter: the field is this one, and the motion raises no doubt."""
-        return self._proof.given and max(self.relation.statistics.values()) < SETTLED
 
     @property
     def _doubt(self) -> str:
@@ -292,8 +288,8 @@ class Integrity:
                 self.offsets.blind(self._velocity)
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples, self._clock_lag(late_s))
-        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit, bank.share)
-        self._take_proof(stamp_ns, bank, jump)
+        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit, best.explained)
+        self._take_proof(stamp_ns, best, jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank)
         self._take_coverage(stamp_ns, image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
@@ -324,7 +320,8 @@ class Integrity:
     def _confirm(self, jump: Jump, moves: bool, all_round: bool, share: float) -> None:
         """A pose that was given holds where the image agrees; one that contradicts it is to be shown by turns, too: a
         robot that drives ahead looks the same in mirrored images. One found in the own half by the few things that a
-        sector shows holds where the next images agree. moves: whether there is an odometry; share: what it explains.
+        sector shows holds where the next images agree. moves: whether there is an odometry; share: of the points that
+        are explained.
         """
         if self._own_half and not all_round:
             good = not jump.elsewhere and share >= GOOD
@@ -332,6 +329,7 @@ class Integrity:
             self.confirmed = not jump.elsewhere and (self.confirmed or self._good_images >= GOOD_IMAGES)
         elif jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
             self.confirmed, self._contradicted = False, True
+        self._given &= not jump.elsewhere
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0
         self._turns_proved = self._turns_proved or (self.relation.turns and self.relation.confirms)
@@ -363,13 +361,13 @@ class Integrity:
         if aside < LAG_ASIDE_M + LAG_ASIDE_RATIO * abs(along) and abs(along) < LAGS_S[-1] * speed:
             self.lag_s = -along / speed
 
-    def _take_proof(self, stamp_ns: int, bank: Bank, jump: Jump) -> None:
-        """With a mirror, whose lines show all round."""
-        if bank.best is None or not bank.trust.free_fit:
-            return
-        followed = not jump.elsewhere and max(self.relation.statistics.values()) < 1.0
+    def _take_proof(self, stamp_ns: int, best: Member, jump: Jump, moves: bool) -> None:
+        """With a mirror, whose lines show all round, and an odometry that is trusted."""
+        motion = max(self.relation.statistics.values())
+        followed = self.relation.all_round and moves and self.verdict.odometry and not jump.elsewhere and motion < 1.0
         seconds = 1e-9 * (stamp_ns - self._before_ns)
-        self._proof.update(bank.best.filter.pose, jump.predicted if followed else None, seconds)
+        self._proof.update(best.filter.pose, jump.predicted if followed else None, seconds)
+        self._knows_field = self._proof.given and motion < SETTLED
 
     def _take_share(self, image: Image, bank: Bank) -> None:
         best = bank.best
@@ -402,9 +400,7 @@ class Integrity:
         upright = placed_points(image.seen.positions_m, best.fit.state[3:], image.response)
         pose = best.fit.state[:3].copy()
         on_line, _, _ = on_lines(upright, image.seen.covariances_m2, pose, self._registration.table)
-        ratio = seen_ratio(self._field.line_tables, upright[on_line], pose, SHOWN_M)
-        self._shown += SHOWN_MEMORY * (ratio - self._shown)
-        return self._shown >= MIN_SHOWN
+        return self._proof.shows(seen_ratio(self._field.line_tables, upright[on_line], pose, SHOWN_M))
 
     def _take_coverage(self, stamp_ns: int, image: Image, bank: Bank, jump: Jump) -> None:
         best = bank.best

@@ -59,7 +59,7 @@ class Safeguard:
 
     def reset(self, start: Filter | None = None, confirmed: bool = False, own_half: bool = False) -> None:
         """All is well. start: the pose that was given. confirmed: whether anything was; own_half: that alone."""
-        self.integrity.reset(confirmed, own_half)
+        self.integrity.reset(confirmed, own_half, given=start is not None)
         if start is not None:
             self.integrity.offsets.reset(start.pose, start.covariance)
         self._kept: deque[Kept] = deque(maxlen=8)

@@ -3,7 +3,7 @@
 Clouds of crude detectors hold what else is white, too, laid on the ground: robots, nets, posts, balls, and hundreds of
 points on each metre of a line. Here they are thinned to cells of the ground, a stretch of line counts as a few points,
 and a point counts as far as its neighbours lie on a line with it. The points of a detector that looks along scan lines
-are hardly denser than that, and stay as they are.
+are hardly denser than that, and keep their places; where they are crowded beyond that they weigh less.
 """
 
 import math
@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from touchline.geometry import FloatArray
+from touchline.localization.registration.unseen import PER_RING, RAYS
 from touchline.matrices import uncounted
 
 CELL_M, PER_CELL = 0.12, 3  # points of a square are one, their mean, where there are more of them
@@ -29,9 +30,7 @@ RADIAL_SINE, RADIAL = math.sin(math.radians(12.0)), 0.3  # what stands is laid o
 # share of their weight that points of a detector of lines keep, and dense ones of which such a share lies on lines:
 # those stay as they are
 CLEAN, DENSE, PURE = 0.8, 0.5, 0.95
-# rays, and how much farther each ring is than the one before, of cells about the robot; a detector that looks along
-# scan lines sees a line a few times in each: so many points as in four usual ones count, however many there are
-RAYS, RING, CROWDED = 72, math.log(1.1), 4
+CROWDED = 4  # times the usual number of a cell of range and bearing: scan lines do not see a thing more often
 MAX_POINTS = 40.0  # all of a crude cloud counts as so many points: its lines err together
 DIRECTIONS = 12
 _ANGLES = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
@@ -201,12 +200,14 @@ def _likeness(ratios, found, ends):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def _uncrowded(points, weights):  # type: ignore[no-untyped-def]
-    """Weights (N,) of points (N, 2), less where more are in a cell of range and bearing than scan lines find."""
+    """Weights (N,) of points (N, 2): those of a cell of range and bearing count as `CROWDED` times as many as the lower
+    quartile of the cells holds, at most.
+    """
     polar = np.empty_like(points)
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         polar[i, 0] = (math.atan2(y, x) * (RAYS / (2.0 * math.pi)) + 0.5) % RAYS
-        polar[i, 1] = 0.5 * math.log(max(x * x + y * y, 1e-6)) / RING
+        polar[i, 1] = 0.5 * math.log(max(x * x + y * y, 1e-6)) / PER_RING
     cells, slots = cells_of(polar, 1.0)
     counts = cells[cells[:, 2] > 0, 2]
     most = CROWDED * np.sort(counts)[counts.shape[0] // 4]

@@ -20,7 +20,8 @@ from touchline.geometry import BoolArray, FloatArray
 UNSEEN = 1.0
 RAYS = 72  # bearings, 5 degrees apart
 GAP = 8  # so many rays between two that saw points, at most, were looked along, too
-_MIN_M, _RINGS, _PER_RING = 0.3, 40, math.log(1.1)  # cells: a tenth longer from ring to ring, up to 13 m
+PER_RING = math.log(1.1)
+_MIN_M, _RINGS = 0.3, 40  # cells: a tenth longer from ring to ring, up to 13 m
 
 
 class View(NamedTuple):
@@ -67,7 +68,7 @@ def _filled(looked):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _ring(range_m):  # type: ignore[no-untyped-def]
-    return min(max(int(math.log(max(range_m, 1e-3) / _MIN_M) / _PER_RING), 0), _RINGS - 1)
+    return min(max(int(math.log(max(range_m, 1e-3) / _MIN_M) / PER_RING), 0), _RINGS - 1)
 
 
 @numba.njit(cache=True, error_model="numpy")
