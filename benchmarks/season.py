@@ -1,6 +1,6 @@
-"""How many images a second a season is localised at, by one worker and by two, and whether memory stays flat (Linux).
+"""How many images a second a season is localized at, and whether memory stays flat (Linux).
 
-    python benchmarks/season.py RECORDING... [--recordings N] [--workers N]...
+    python benchmarks/season.py RECORDING... [--recordings N] [--workers N]
 
 Links to the recordings, in turns, stand for a season of so many. Images a second are those of the wall, and those of a
 second of processor time, which what else the machine does hardly changes; start, reading and decoding are included,
@@ -52,6 +52,8 @@ def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> s
     while process.poll() is None:
         sizes.append(largest_mb(process.pid))
         time.sleep(0.5)
+    if process.returncode:
+        sys.exit(process.returncode)
     wall_s, spent = time.perf_counter() - begun_s, os.times()
     with (folder / "runs" / "runs.csv").open() as file:
         images = sum(int(row["images"] or 0) for row in csv.DictReader(file))
@@ -66,7 +68,7 @@ def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> s
 
 
 def main() -> None:
-    """Print a row for each number of workers."""
+    """Print one row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING")
     parser.add_argument("--recordings", type=int, default=200, dest="count", metavar="N")

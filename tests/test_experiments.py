@@ -162,15 +162,18 @@ def test_all_goes_on_where_it_was_stopped(
     assert main(command) == 2
 
 
-@pytest.mark.parametrize(("first_s", "runs"), [(60.0, [1, 11]), (240.0, [1, 2]), (900.0, [1])])
+@pytest.mark.parametrize(("first_s", "runs"), [(60.0, [1, 11]), (240.0, [1, 2]), (900.0, [1]), (0.0, [1, 30])])
 def test_a_budget_is_so_many_seeds_as_fit(
     first_s: float, runs: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Twelve minutes, and a first seed that takes one, four and fifteen."""
-    found, now_s = [], 0.0
+    """Twelve minutes, and a first seed that takes one, four, fifteen and none; begun again, nothing is run twice."""
+    found, now_s, stops = [], 0.0, True
 
     def run(self: Experiment, seeds: int, *_: object, first_seed: int) -> ExperimentResult:
-        nonlocal now_s
+        nonlocal now_s, stops
+        if stops and found:
+            stops = False
+            raise InputError("stopped behind the first seed")
         found.append(seeds)
         now_s += first_s * seeds
         return replace(result(self.name), seeds=seeds, first_seed=first_seed)
@@ -178,9 +181,9 @@ def test_a_budget_is_so_many_seeds_as_fit(
     monkeypatch.setattr(Experiment, "run", run)
     monkeypatch.setattr("touchline.experiments.EXPERIMENTS", {"own": EXPERIMENTS["own"]})
     monkeypatch.setattr("touchline.cli.experiment.time.monotonic", lambda: now_s)
-    command = ["experiment", "all", "--output", str(tmp_path), "--seeds", "30", "--budget", "12"]
-    assert main(command) == 0
-    assert main(command) == 0  # the second time all is there
+    command = ["experiment", "all", "--output", str(tmp_path), "--seeds", "30", "--budget"]
+    codes = [main([*command, "12"]), main([*command, "12"]), main([*command, "6"])]
+    assert codes == [0 if runs == [1] else 2, 0, 0]
     assert found == runs
 
 

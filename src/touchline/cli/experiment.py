@@ -20,6 +20,7 @@ _LINE_EVERY_S = 10.0
 if TYPE_CHECKING:
     from touchline.evaluation.workers import Workers
     from touchline.experiments import Experiment, ExperimentResult
+    from touchline.experiments.harness import Done
 
 
 def experiment(
@@ -37,7 +38,7 @@ def experiment(
     draw: Annotated[bool, typer.Option("--draw", help="Run nothing: table and pictures of what DIR holds.")] = False,
     budget: Annotated[
         float | None,
-        typer.Option(min=0.1, metavar="MINUTES", help="Of each: as many seeds as fit, by the time of the first one."),
+        typer.Option(min=0.1, metavar="MINUTES", help="Of each: as many of --seeds as fit, by the time of the first."),
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the experiments and stop.")] = False,
 ) -> None:
@@ -46,11 +47,11 @@ def experiment(
     touchline experiment lu2013-kidnap --seeds 5   reruns one. Without a name, the experiments are listed.
 
     faults and play take hours: their results are kept in DIR/NAME.jsonl as they come, and a second run goes on there.
-    all takes a night with --budget 12; begun again it leaves what DIR holds of these seeds by the same commit.
+    all takes a night with --seeds 30 --budget 12; begun again it leaves what DIR holds by the same commit.
     """
     from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
-    from touchline.experiments.harness import NOTHING, check_writable, is_done, note_done, write_result
+    from touchline.experiments.harness import NOTHING, check_writable, newest_done, note_done
 
     if listing or name is None:
         for known in EXPERIMENTS.values():
@@ -65,23 +66,46 @@ def experiment(
         raise InputError(f"--part {part}: is no regular expression ({error})") from None
     with open_workers(workers, dask) as hands:
         for chosen in experiments:
-            asked, begun_s = range(first_seed, first_seed + seeds), time.monotonic()
-            if name == "all" and not draw and is_done(output, chosen.name, asked, fewer=budget is not None):
+            asked, kept = range(first_seed, first_seed + seeds), (output, NOTHING if draw else part)
+            if draw or part:
+                _show(_run(chosen, asked, hands, kept), output)
+                continue
+            done = newest_done(output, chosen.name)
+            if name == "all" and done is not None and done.is_enough(asked, budget):
                 say(f"{chosen.name}: done before\n", style="dim")
                 continue
-            kept, which = (output, NOTHING if draw else part), asked if budget is None else asked[:1]
-            result = _run(chosen, which, hands, kept)
-            fit = math.floor(60.0 * (budget or 0.0) / (time.monotonic() - begun_s)) - 1  # beside the first
-            if which != asked and fit > 1:
-                which = asked[:fit]
-                result = _run(chosen, which, hands, kept)
-            files = write_result(result, output, list(EXPERIMENTS))
-            if not (draw or part):
-                note_done(output, chosen.name, which, (time.monotonic() - begun_s) / 60.0)
-            say(f"{result.name}: {result.title}; {counted(result.seeds, 'seed')}", style="bold")
-            wide_output().print(plain_table(*result.columns, rows=result.rows, no_wrap=True), soft_wrap=False)
-            say(*result.notes, style="dim")
-            say(f"written: {', '.join(str(path) for path in files)}\n")
+            if budget is None:
+                _measure(chosen, asked, hands, output)
+                continue
+            if done is None or done.seeds != asked[:1]:
+                done = _measure(chosen, asked[:1], hands, output)
+            fit = asked[: max(math.floor(budget / max(done.minutes, 1e-3)) - 1, 1)]  # beside the first
+            if fit != done.seeds:
+                done = _measure(chosen, fit, hands, output)
+            note_done(output, chosen.name, done._replace(budget=budget))
+
+
+def _measure(chosen: Experiment, seeds: range, workers: Workers, output: Path) -> Done:
+    """Run one, show it, and note that it is done."""
+    from touchline.experiments.harness import Done, note_done
+
+    begun_s = time.monotonic()
+    _show(_run(chosen, seeds, workers, (output, "")), output)
+    done = Done(seeds, (time.monotonic() - begun_s) / 60.0)
+    note_done(output, chosen.name, done)
+    return done
+
+
+def _show(result: ExperimentResult, output: Path) -> None:
+    """Its table, and its page and pictures in a folder."""
+    from touchline.experiments import EXPERIMENTS
+    from touchline.experiments.harness import write_result
+
+    files = write_result(result, output, list(EXPERIMENTS))
+    say(f"{result.name}: {result.title}; {counted(result.seeds, 'seed')}", style="bold")
+    wide_output().print(plain_table(*result.columns, rows=result.rows, no_wrap=True), soft_wrap=False)
+    say(*result.notes, style="dim")
+    say(f"written: {', '.join(str(path) for path in files)}\n")
 
 
 def _run(chosen: Experiment, seeds: range, workers: Workers, kept: tuple[Path, str]) -> ExperimentResult:

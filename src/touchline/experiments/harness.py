@@ -170,25 +170,38 @@ def resumed(function: Callable[[Item], Result], items: Sequence[Item], what: str
 RUNS = "runs.jsonl"  # in a folder of results: which experiments are done, by what, and how long each took
 
 
-def is_done(folder: Path, name: str, seeds: range, fewer: bool = False) -> bool:
-    """Whether the page that a folder holds of an experiment is of these seeds, or only the first of them, by this
-    commit, where that is known. Raises InputError for other files.
-    """
+class Done(NamedTuple):
+    """An experiment that is done: its seeds, how long they took, and of how many minutes they were all that fit."""
+
+    seeds: range
+    minutes: float
+    budget: float | None = None
+
+    def is_enough(self, seeds: range, budget: float | None) -> bool:
+        """For these seeds, or as many of them as fit so many minutes."""
+        fits = budget is not None and self.budget is not None and self.budget >= budget
+        return self.seeds == seeds or (fits and self.seeds.start == seeds.start)
+
+
+def newest_done(folder: Path, name: str) -> Done | None:
+    """What a folder's page of an experiment is of, if by this commit; else None. Raises InputError for other files."""
     path, by = folder / RUNS, about()
     try:
         lines = [json.loads(line) for line in _whole_lines(path).splitlines()]
-        newest = {one["name"]: (range(*one["seeds"]), one["commit"], one["versions"]) for one in lines}
+        newest = {one["name"]: one for one in lines}.get(name)
+        if newest is None or not by["commit"] or not (folder / f"{name}.md").is_file():
+            return None
+        if (newest["commit"], newest["versions"]) != (by["commit"], by["versions"]):
+            return None
+        return Done(range(*newest["seeds"]), float(newest["minutes"]), newest.get("budget"))
     except (ValueError, TypeError, KeyError):
         raise InputError(f"{path}: is no list of runs; choose another folder") from None
-    found, *of = newest.get(name, (range(0), "", {}))
-    of_these = found == (seeds[: len(found)] if fewer else seeds) and len(found) > 0
-    same = of_these and of == [by["commit"], by["versions"]]
-    return bool(by["commit"]) and same and (folder / f"{name}.md").is_file()
 
 
-def note_done(folder: Path, name: str, seeds: range, minutes: float) -> None:
+def note_done(folder: Path, name: str, done: Done) -> None:
     """Add an experiment that is done."""
-    row = {"name": name, "seeds": [seeds.start, seeds.stop], "minutes": round(minutes, 2), **about()}
+    of = {"minutes": round(done.minutes, 3), "budget": done.budget}
+    row = {"name": name, "seeds": [done.seeds.start, done.seeds.stop], **of, **about()}
     replace_file(folder / RUNS, f"{_whole_lines(folder / RUNS)}{json.dumps(row)}\n".encode())
 
 

@@ -223,13 +223,16 @@ def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> ByteA
 def _fill_table(
     table: ByteArray, green: FloatArray, center: FloatArray, inverse: FloatArray, white: FloatArray, signal: FloatArray
 ) -> None:
-    """The class of the middle of every cell of a table, see `ColourModel`. inverse (2, 2): of the carpet's spread."""
+    """The class of the middle of every cell of a table, see `ColourModel`. green, white, signal (3,): B, G, R; center
+    (2,): chromaticity of the carpet, and inverse (2, 2): of its spread.
+    """
     wb, wg, wr = white[0] - green[0], white[1] - green[1], white[2] - green[2]
     usual, contrast2, width = green.sum(), wb * wb + wg * wg + wr * wr, 1 << (8 - _BITS)
     flat = table.ravel()
     for i in range(flat.size):
-        b, g, r = (((i >> (2 * _BITS)) + 0.5) * width, ((i >> _BITS) % (1 << _BITS) + 0.5) * width,
-                   (i % (1 << _BITS) + 0.5) * width)  # fmt: skip
+        b = ((i >> (2 * _BITS)) + 0.5) * width
+        g = ((i >> _BITS) % (1 << _BITS) + 0.5) * width
+        r = (i % (1 << _BITS) + 0.5) * width
         brightness, db, dg, dr = (b + g + r) / usual, b - green[0], g - green[1], r - green[2]
         u, v = b / (b + g + r) - center[0], r / (b + g + r) - center[1]
         distance2 = u * (u * inverse[0, 0] + v * inverse[1, 0]) + v * (u * inverse[0, 1] + v * inverse[1, 1])

@@ -349,7 +349,7 @@ class Bank:
         self._settle(self.members)
 
     def _share_of(self, best: Member, image: Image) -> float:
-        """What registration explains; of line points more, where things stand besides that are no lines."""
+        """What registration explains; of line points more, where what it does not explain are things, no lines."""
         seen, fit = image.seen, best.fit
         if fit is None or seen.crude or len(seen.raw_m):
             return best.explained

@@ -103,7 +103,7 @@ class CompassFaultFilter:
         return (right[1] + wrong[1]) / total, (right[2] + wrong[2]) / total
 
     def forget_end(self) -> None:
-        """Nothing is known of the end; of its faults what was known."""
+        """Nothing is known of the end; the probabilities of its faults are kept."""
         self.states = _both_ends(*self._failed)
 
     def begin(self, error_rad: float | None) -> None:

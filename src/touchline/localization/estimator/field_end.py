@@ -121,7 +121,7 @@ class FieldEnd:
         self._jumping = 0
 
     def leave_open(self) -> None:
-        """Nothing is known of the end until something tells; a compass that had failed does not."""
+        """Nothing is known of the end until something tells; a compass that is known to have failed does not."""
         self._forget(False)
         self.compass.forget_end()
         self.undecided = True
