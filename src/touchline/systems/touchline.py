@@ -204,7 +204,8 @@ class Touchline:
         self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
         frame, observation = self._observe(frame)  # observe: line points, lines, crossings, landmarks
         self._describe_camera(observation)
-        image = Image(seen_of(observation, self.features, self.statistics.noise), self.errors.response(frame), shift)
+        seen, response = seen_of(observation, self.features, self.statistics.noise), self.errors.response(frame)
+        image = Image(seen, response, shift, has_lines=len(observation.lines) > 0)
         if self.judged.sees(image.seen):
             self.bank.register(image)  # register: fit the image from every hypothesis
             found = self._search(frame, observation, image)  # search: in doubt, every pose that explains it

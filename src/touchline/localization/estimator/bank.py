@@ -78,11 +78,14 @@ class Member:
 
 @dataclass(eq=False, slots=True)
 class Image:
-    """What one image shows to the bank. stamp_shift (3,): standard deviation by which its pose is off, robot frame."""
+    """What one image shows to the bank. stamp_shift (3,): standard deviation by which its pose is off, robot frame.
+    has_lines: whether its line points are laid on lines of which the ends were seen.
+    """
 
     seen: Seen
     response: Response
     stamp_shift: FloatArray | None = None
+    has_lines: bool = False
 
 
 class Jump(NamedTuple):
@@ -351,7 +354,7 @@ class Bank:
     def _share_of(self, best: Member, image: Image) -> float:
         """What registration explains; of line points more, where what it does not explain are things, no lines."""
         seen, fit = image.seen, best.fit
-        if fit is None or seen.crude or len(seen.raw_m):
+        if fit is None or seen.crude or image.has_lines or len(seen.raw_m):
             return best.explained
         upright = placed_points(seen.positions_m, fit.state[3:], image.response)
         counted = line_share(upright, seen.covariances_m2, fit.state[:3], self.registration.table)

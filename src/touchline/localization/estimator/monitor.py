@@ -86,7 +86,8 @@ class Monitor:
         seen, start_s = estimate.observation, time.perf_counter()
         if estimate.status is not Status.TRACKING or seen is None:
             return estimate
-        image = Image(seen_of(seen, self.features, self.bank.statistics.noise), self.errors.response(frame))
+        shown = seen_of(seen, self.features, self.bank.statistics.noise)
+        image = Image(shown, self.errors.response(frame), has_lines=len(seen.lines) > 0)
         if len(image.seen.positions_m) >= MIN_POINTS or len(image.seen.raw_m):
             self._take(estimate, image, history)
         self._before = estimate
