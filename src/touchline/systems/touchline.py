@@ -204,8 +204,7 @@ class Touchline:
         self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
         frame, observation = self._observe(frame)  # observe: line points, lines, crossings, landmarks
         self._describe_camera(observation)
-        seen, response = seen_of(observation, self.features, self.statistics.noise), self.errors.response(frame)
-        image = Image(seen, response, shift, has_lines=len(observation.lines) > 0)
+        image = self._image(frame, observation, shift)
         if self.judged.sees(image.seen):
             self.bank.register(image)  # register: fit the image from every hypothesis
             found = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
@@ -258,6 +257,11 @@ class Touchline:
         if self.relocation.lies:
             return frame, Observation(frame.stamp_ns)
         return frame, self.clock.perception(observe, frame, self.detector, self.max_range_m)
+
+    def _image(self, frame: Frame, observation: Observation, shift: FloatArray | None) -> Image:
+        """What registration takes of an observation."""
+        seen = seen_of(observation, self.features, self.statistics.noise)
+        return Image(seen, self.errors.response(frame), shift, has_lines=len(observation.lines) > 0)
 
     def _describe_camera(self, seen: Observation) -> None:
         """An undescribed camera that at first shows lines, crossings or landmarks, and no line points, or points within
