@@ -18,7 +18,7 @@ SHOWN_MEMORY = 0.3  # weight of an image in it
 
 
 class FieldProof:
-    """`given`: whether the pose that is followed has shown that the field is the one that was told."""
+    """`given`: whether the pose that is followed has shown that the field is the one that was given."""
 
     def __init__(self, length_m: float) -> None:
         """length_m: of the field."""
