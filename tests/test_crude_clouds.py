@@ -198,4 +198,4 @@ def test_what_scan_lines_would_not_see_so_densely_counts_as_what_they_see() -> N
     assert (both.weights[: len(circle)] == 1.0).all()
     assert both.weights[len(circle) :].sum() < 0.5 * len(bar)
     denser = counted(np.repeat(circle, 4, axis=0) + 0.001 * RNG.standard_normal((4 * len(circle), 2)))
-    assert denser.crude or denser.weights.min() > 0.5
+    assert denser.crude, "four times as many rays: thinned, and not less by the crowd"

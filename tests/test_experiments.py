@@ -185,6 +185,9 @@ def test_a_budget_is_so_many_seeds_as_fit(
     codes = [main([*command, "12"]), main([*command, "12"]), main([*command, "6"])]
     assert codes == [0 if runs == [1] else 2, 0, 0]
     assert found == runs
+    stops = False
+    assert main(["experiment", "own", *command[2:], "12"]) == 0  # one that is named is run whatever is there
+    assert found == [*runs, *runs]
 
 
 def test_results_of_other_seeds_and_of_another_commit_do_not_count(

@@ -70,8 +70,8 @@ def experiment(
             if draw or part:
                 _show(_run(chosen, asked, hands, kept), output)
                 continue
-            done = newest_done(output, chosen.name)
-            if name == "all" and done is not None and done.is_enough(asked, budget):
+            done = newest_done(output, chosen.name) if name == "all" else None
+            if done is not None and done.is_enough(asked, budget):
                 say(f"{chosen.name}: done before\n", style="dim")
                 continue
             if budget is None:
