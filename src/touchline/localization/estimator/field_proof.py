@@ -2,8 +2,8 @@
 
 Near a goal another field's lines fit as well as the right ones, and so they do about the centre; between the two, the
 pose then slides along by as much as the fields differ. One that has gone along half of the field, and was moved by the
-images no more than odometries slip, is of this field, and what lies on no line besides is clutter. A field that is a
-twentieth larger or smaller passes: its poses are wrong by no more than a slip.
+images no more than odometries slip, is of this field, and what lies on no line besides is clutter. A field that is up
+to 7 % larger or smaller passes: by so much odometries may slip, too.
 """
 
 import math
