@@ -71,11 +71,11 @@ def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, prior, seen, covariance, since, bend, velocity):  # type: ignore[no-untyped-def]
+def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_be_outlier):  # type: ignore[no-untyped-def]
     """Take (in place) a pose (3,) by an image and its covariance (3, 3); where the robot was when it was taken, by its
     mean delay, (3,), by how much its way bends there (3,) and its velocity then (3,), robot frame at the stamp. prior
     (4,): standard deviations, of those that have grown anew. By how much the variances of the heading and of the turn
-    have.
+    have; negative if the image lies elsewhere, may be an outlier, and is not taken.
     """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     vx, vy = cosine * velocity[0] - sine * velocity[1], sine * velocity[0] + cosine * velocity[1]
@@ -95,6 +95,8 @@ def corrected(state, joint, prior, seen, covariance, since, bend, velocity):  # 
     crossed = times(joint, by.T)
     weight = inverse(plus(times(by, crossed), spread, 1.0))
     if dot(off, applied(weight, off)) > JUMP:
+        if may_be_outlier:
+            return np.full(2, -1.0)
         if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
             return more[2:4]
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
@@ -181,6 +183,7 @@ class ConstantOffsets:
         """Nothing has been seen: the camera is as well known as one is at first. start: the pose that was given."""
         self._stamp_ns: int | None = None
         self._waiting: list[Sighting] = []  # for the odometry until then
+        self._was_elsewhere = False  # whether the newest image lay elsewhere
         self._given = start is not None
         self._velocity: FloatArray = np.zeros(3)
         self._newest: FloatArray = np.zeros(3)  # velocity
@@ -230,9 +233,13 @@ class ConstantOffsets:
         self._given = False
         late_s, late2 = float(self._state[LATE]), float(self._joint[LATE, LATE])
         since, bend, self._velocity = taken(*history.odometry.samples.arrays, sighting.stamp_ns, late_s, late2)
+        # the image after one that lies elsewhere shows whether that was an outlier
+        may_be_outlier = sighting.blurred and not self._was_elsewhere
         more2 = corrected(
-            self._state, self._joint, self._prior, sighting.pose, sighting.covariance, since, bend, self._velocity
-        )
+            self._state, self._joint, self._prior, sighting.pose, sighting.covariance, since, bend, self._velocity,
+            may_be_outlier,
+        )  # fmt: skip
+        self._was_elsewhere = bool(more2[1] != 0.0)
         self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
         self._weigh()
 

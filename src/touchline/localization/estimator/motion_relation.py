@@ -37,6 +37,7 @@ _LAGS_NS = np.rint(1e9 * LAGS_S).astype(np.int64)
 NAMED_GAIN = 8.0  # from which an explanation is named
 REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
+OUTLIER_COST = 3.0  # of a step to a blurred image that others may show to lie where nothing else does
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
 ARRIVED = 10.0  # log-odds for a lag by which images come otherwise than before
@@ -177,6 +178,10 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
     return gains, values, left
 
 
+_Ends = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # poses (3,) and covariances (3, 3) at those of a step
+_Over = tuple[Sighting, _Ends]
+
+
 class _Steps(NamedTuple):
     """N steps, robot frame before each: seen, driven (N, 3); inverse covariances (N, 3, 3) of their differences;
     turns by the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without
@@ -216,12 +221,13 @@ def _compared(last, last_covariance, pose, covariance, driven):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy")
-def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped-def]
-    """Add a step behind all others, in place; the first is forgotten. ends: poses (3,) and covariances (3, 3) by the
-    images at its ends; delayed (3,): driven if images are as late as is corrected. Its costs as driven and as delayed.
+def _push(steps, signs, ends, driven, delayed, gyro, forgotten):  # type: ignore[no-untyped-def]
+    """Add a step behind all others, in place; the first is forgotten, or (forgotten: 0) the last. ends: poses (3,) and
+    covariances (3, 3) by the images at its ends; delayed (3,): driven if images are as late as is corrected. Its costs
+    as driven and as delayed.
     """
     last = steps.costs.shape[0] - 1
-    for i in range(last):
+    for i in range(last if forgotten else 0):
         copy_row(steps.seen[i + 1], steps.seen[i])
         copy_row(steps.driven[i + 1], steps.driven[i])
         copy_row(steps.gains[i + 1], steps.gains[i])
@@ -284,6 +290,8 @@ class MotionRelation:
         self._last: Sighting | None = None
         self._since_alarm = 0  # steps since the newest alarm
         self._unbroken = 0  # steps since the chain of images began
+        self._before: Sighting | None = None  # where the newest step began
+        self._sum_before = 0.0  # and the sum then
         self._spans_ns: list[tuple[int, int]] = []
         self._pending: list[tuple[Sighting, Sighting]] = []
         self._every = _Steps(
@@ -367,16 +375,17 @@ class MotionRelation:
         self._pending = [each for each in self._pending if sighting.stamp_ns - each[1].stamp_ns < 1e9 * MAX_WAIT_S]
 
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
+        over = self._over(last, sighting, history, steps)
+        last, ends = over or (last, _ends(last, sighting, history, steps))
         span_ns, odometry = (last.stamp_ns, sighting.stamp_ns), history.odometry.samples.arrays
         late_ns = round(1e9 * late_s)
         driven, gyro = _driven(*odometry, *span_ns), gyro_turn(history, *span_ns)
         delayed = _driven(*odometry, span_ns[0] - late_ns, span_ns[1] - late_ns) if late_s else driven
-        covariance = sighting.covariance
-        if steps.walks:
-            turn = rotated(float(last.pose[2]))
-            covariance = covariance + turn @ steps.of(history.between(*span_ns)) @ turn.T
-        ends = (last.pose, last.covariance, sighting.pose, covariance)
-        raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro)
+        if over is not None:
+            self._spans_ns.pop()
+            self.sum = self._sum_before
+        self._before, self._sum_before = last, self.sum
+        raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro, int(over is None))
         cost = min(raw, late)
         if late_s:
             self._delay_loss = max(self._delay_loss + late - raw, 0.0)
@@ -391,6 +400,20 @@ class MotionRelation:
             more = min(more, MAX_COST - USUAL_COST)  # a shove is one, however long its step
         self.sum = min(max(self.sum + more, 0.0), 1.1 * MAX_SUM)
         self._explain(history)
+
+    def _over(self, last: Sighting, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> _Over | None:
+        """Where the newest step began, and the ends of a step from there past the last image: that one lies where
+        nothing else does, if the few things that it shows were taken for others. None where it counts.
+        """
+        before = self._before
+        if before is None or not self._spans_ns or self._spans_ns[-1][1] != last.stamp_ns:
+            return None
+        if self._every.costs[-1] < OUTLIER_COST or not last.blurred:
+            return None
+        ends = _ends(before, sighting, history, steps)
+        driven = _driven(*history.odometry.samples.arrays, before.stamp_ns, sighting.stamp_ns)
+        seen, weights = _compared(*ends, driven)
+        return (before, ends) if _cost(seen[None], driven, weights[None], 0) < USUAL_COST else None
 
     def _fill_lags(self) -> None:
         """The odometry's steps at other times, of the steps that are old enough to know all of them."""
@@ -542,6 +565,15 @@ class MotionRelation:
         if images < 0.5 * odometry and odometry > SIGMA_RAD:
             return Explanation(Culprit.ODOMETRY, "odometry contradicts images and gyro")
         return Explanation(Culprit.IMAGES, "images contradict odometry")
+
+
+def _ends(last: Sighting, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> _Ends:
+    """By the images of a step; the noise of its motion in the second."""
+    covariance = sighting.covariance
+    if steps.walks:
+        turn = rotated(float(last.pose[2]))
+        covariance = covariance + turn @ steps.of(history.between(last.stamp_ns, sighting.stamp_ns)) @ turn.T
+    return last.pose, last.covariance, sighting.pose, covariance
 
 
 def rotated(heading_rad: float) -> FloatArray:

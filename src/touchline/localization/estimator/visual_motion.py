@@ -22,6 +22,7 @@ MAX_SPARSE_S = 3.0  # between images all round, over which they are still steps 
 MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
+BLURRED_M = 0.04  # standard deviation of a pose from which a sector shows little
 SECTOR_RATIO = 2.0  # of the variance of a pose by a few things, each of which may be taken for another
 MAX_SIGMA_M, UNKNOWN_M = 0.03, 3.0  # of an image all round: along an axis that it tells worse it tells nothing
 LEARNING_S, LEARNED_Z = 4.0, 2.0  # after the first image, and by how many standard deviations of one image
@@ -29,7 +30,10 @@ _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covari
 
 
 class Sighting(NamedTuple):
-    """A pose (3,) by one image, field frame, and its covariance (3, 3); begun: whether it follows from none before."""
+    """A pose (3,) by one image, field frame, and its covariance (3, 3); begun: whether it follows from none before;
+    blurred: whether it shows a sector with little in it, which may have been taken for other lines: its error then is
+    larger than the covariance knows.
+    """
 
     stamp_ns: int
     pose: FloatArray
@@ -37,6 +41,7 @@ class Sighting(NamedTuple):
     explained: float
     log_likelihood: float
     begun: bool
+    blurred: bool = False
 
 
 class Camera(NamedTuple):
@@ -115,7 +120,8 @@ class VisualMotion:
         joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
         covariance = _covariance(joint.information, expected.information)
         covariance = _told_alone(covariance) if camera.all_round else SECTOR_RATIO * covariance
-        return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False)
+        blurred = not camera.all_round and widest_m(covariance) > BLURRED_M
+        return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False, blurred)
 
 
 @njit(cache=True)
