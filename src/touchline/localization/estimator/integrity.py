@@ -68,6 +68,7 @@ VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
+ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
 UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
@@ -121,7 +122,7 @@ class Integrity:
         """
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
         self._given = given  # whether the pose was, and the images agreed
-        self._turns_proved = False
+        self._moves_proved = self._turns_proved = False  # by the odometry, as the images show them
         self._good_images = 0  # in a row that agree with a pose found in the own half
         self.motion.reset()
         self.relation.reset()
@@ -251,7 +252,10 @@ class Integrity:
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
         if unseen.heading:
             heading_rad += _unseen_rad(unseen.heading, gyro_turn(history, self._seen_ns, stamp_ns))
-        if (doubt and position_m > ALERT_M) or (heading_rad > ALERT_RAD and not self._turns_proved):
+        alert_m = ALERT_M if doubt else math.inf
+        if not self._moves_proved and self.relation.contradicts:  # an odometry may have been wrong from the start
+            alert_m = ALERT_UNPROVED_M
+        if (unseen_m > UNSEEN_M and position_m > alert_m) or (heading_rad > ALERT_RAD and not self._turns_proved):
             turn = math.degrees(abs(unseen.heading))
             self.unbounded = f"unseen for {unseen_m:.1f} m and {turn:.0f}°, the odometry alone tells the pose"
             return None
@@ -332,6 +336,7 @@ class Integrity:
         self._given &= not jump.elsewhere
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0
+        self._moves_proved |= self.relation.confirms
         self._turns_proved = self._turns_proved or (self.relation.turns and self.relation.confirms)
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves
