@@ -9,6 +9,7 @@ Savage and Dickey 1971). Where images jump, they may all have changed.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -71,11 +72,11 @@ def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_be_outlier):  # type: ignore[no-untyped-def]
+def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose (3,) by an image and its covariance (3, 3); where the robot was when it was taken, by its
     mean delay, (3,), by how much its way bends there (3,) and its velocity then (3,), robot frame at the stamp. prior
     (4,): standard deviations, of those that have grown anew. By how much the variances of the heading and of the turn
-    have; negative if the image lies elsewhere, may be an outlier, and is not taken.
+    have; negative if the image lies elsewhere, may_change is not set, and nothing was taken.
     """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     vx, vy = cosine * velocity[0] - sine * velocity[1], sine * velocity[0] + cosine * velocity[1]
@@ -95,7 +96,7 @@ def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_
     crossed = times(joint, by.T)
     weight = inverse(plus(times(by, crossed), spread, 1.0))
     if dot(off, applied(weight, off)) > JUMP:
-        if may_be_outlier:
+        if not may_change:
             return np.full(2, -1.0)
         if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
             return more[2:4]
@@ -170,6 +171,15 @@ def exceeded_moving(errors, speed, rate):  # type: ignore[no-untyped-def]
     return exceeded_by(of_position), exceeded_by(of_heading)
 
 
+class _Belief(NamedTuple):
+    """A filter's mean (7,), covariance (7, 7), deviations of the errors before (4,), and whether the camera moved."""
+
+    state: FloatArray
+    joint: FloatArray
+    prior: FloatArray
+    camera_moved: bool
+
+
 class ConstantOffsets:
     """How far a pose may be off by errors that fit every image."""
 
@@ -183,7 +193,6 @@ class ConstantOffsets:
         """Nothing has been seen: the camera is as well known as one is at first. start: the pose that was given."""
         self._stamp_ns: int | None = None
         self._waiting: list[Sighting] = []  # for the odometry until then
-        self._was_elsewhere = False  # whether the newest image lay elsewhere
         self._given = start is not None
         self._velocity: FloatArray = np.zeros(3)
         self._newest: FloatArray = np.zeros(3)  # velocity
@@ -222,26 +231,46 @@ class ConstantOffsets:
         if not len(history.odometry.samples):
             return
         seconds = math.inf if before_ns is None else max(1e-9 * (sighting.stamp_ns - before_ns), 0.01)
+        others, self._others = self._others, []
         if seconds < MAX_GAP_S:
             assert before_ns is not None
             motion = history.between(before_ns, max(sighting.stamp_ns, before_ns))
-            followed(self._state, self._joint, motion.pose.as_array(), steps.of(motion), seconds)
+            for each in (self._state, self._joint), *((one.state, one.joint) for one in others):
+                followed(*each, motion.pose.as_array(), steps.of(motion), seconds)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
+            others = []
         self._given = False
         late_s, late2 = float(self._state[LATE]), float(self._joint[LATE, LATE])
         since, bend, self._velocity = taken(*history.odometry.samples.arrays, sighting.stamp_ns, late_s, late2)
-        # the image after one that lies elsewhere shows whether that was an outlier
-        may_be_outlier = sighting.blurred and not self._was_elsewhere
-        more2 = corrected(
-            self._state, self._joint, self._prior, sighting.pose, sighting.covariance, since, bend, self._velocity,
-            may_be_outlier,
-        )  # fmt: skip
-        self._was_elsewhere = bool(more2[1] != 0.0)
-        self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
+        seen = (sighting.pose, sighting.covariance, since, bend, self._velocity)
+        without = next((one for one in others if corrected(one.state, one.joint, one.prior, *seen, False)[1] >= 0.0), None)
+        if without is not None:
+            self._state, self._joint, self._prior, self._camera_moved = without
+        else:
+            self._correct(sighting, seen)
+        self._images += 1
+        self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
+
+    def _correct(self, sighting: Sighting, seen: tuple[FloatArray, ...]) -> None:
+        """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
+        believed without it is kept: the next image decides.
+        """
+        before = _Belief(self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera_moved)
+        more2 = corrected(self._state, self._joint, self._prior, *seen, True)
+        self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
+        if not more2.any():
+            return
+        if self._images == 1 and self._first_blurred:
+            anew = _Belief(before.state.copy(), before.joint.copy(), before.prior.copy(), before.camera_moved)
+            anew.state[:3], anew.joint[:3], anew.joint[:, :3], anew.joint[:3, :3] = sighting.pose, 0.0, 0.0, UNKNOWN
+            corrected(anew.state, anew.joint, anew.prior, *seen, True)
+            self._others.append(anew)
+        if sighting.blurred:
+            self._others.append(before)
 
     def _found(self, pose: FloatArray, elsewhere: bool) -> None:
         """The robot was found. elsewhere: that may be by any of the errors, and what was in doubt still is."""
@@ -252,6 +281,8 @@ class ConstantOffsets:
         self._prior = np.sqrt(np.diag(self._joint)[3:])
 
     def _begin(self, pose: FloatArray, covariance: FloatArray) -> None:
+        self._images, self._first_blurred = 0, False  # since then
+        self._others: list[_Belief] = []  # what is believed without the newest image, if that may be an outlier
         self._state = np.concatenate((pose, np.zeros(4)))
         self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
         self._joint[:3, :3] = covariance

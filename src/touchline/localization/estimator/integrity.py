@@ -68,6 +68,7 @@ VISION_ALONE = 0.8  # statistic that counts while the odometry does not
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
+FIRST_ALERT_M = 0.5  # at the first image of a camera whose attitude nobody knows: the next one shows whether it holds
 ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
 UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
@@ -170,7 +171,7 @@ class Integrity:
             return "found elsewhere, where more lines would be seen than are"
         if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S and not self._knows_field:
             return "what was seen of late lay on no line: another field, clutter, or camera.yaml"
-        return self.offsets.doubt
+        return "the newest image contradicts the odometry" if self.relation.may_contradict else self.offsets.doubt
 
     def is_consistent(self, min_share: float) -> bool:
         """Whether nothing contradicts the pose, which explains at least this share of what is seen."""
@@ -245,7 +246,8 @@ class Integrity:
         unseen_m = math.hypot(unseen.x, unseen.y)
         position_m = math.hypot(wider * math.sqrt(major2), offset_m) + PROTECTION_M
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
-        if position_m > ALERT_M or heading_rad > ALERT_RAD:
+        first = not self.relation.all_round and len(self._shares) == 1  # a sector's first image tells less than it seems
+        if position_m > (FIRST_ALERT_M if first else ALERT_M) or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
         doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
@@ -285,6 +287,10 @@ class Integrity:
             spread = knowing.error_covariance + bank.statistics.per_image
             camera = Camera(knowing.errors, spread, bank.trust.free_fit)
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
+            if self.motion.learned:  # the images before were seen by a camera that nobody knew yet
+                self.relation.reset()
+                if self.offsets.doubt:
+                    self.offsets.reset()
             self.relation.update(sighting, history, late_s, jump.elsewhere, bank.steps)
             if self.verdict.odometry:
                 self.offsets.update(sighting, history, bank.steps, late_s)

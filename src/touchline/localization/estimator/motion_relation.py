@@ -37,7 +37,7 @@ _LAGS_NS = np.rint(1e9 * LAGS_S).astype(np.int64)
 NAMED_GAIN = 8.0  # from which an explanation is named
 REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
-OUTLIER_COST = 3.0  # of a step to a blurred image that others may show to lie where nothing else does
+OUTLIER_COST = 3.0  # of a step that may be one of an outlier
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
 ARRIVED = 10.0  # log-odds for a lag by which images come otherwise than before
@@ -178,10 +178,6 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
     return gains, values, left
 
 
-_Ends = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # poses (3,) and covariances (3, 3) at those of a step
-_Over = tuple[Sighting, _Ends]
-
-
 class _Steps(NamedTuple):
     """N steps, robot frame before each: seen, driven (N, 3); inverse covariances (N, 3, 3) of their differences;
     turns by the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without
@@ -221,13 +217,12 @@ def _compared(last, last_covariance, pose, covariance, driven):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy")
-def _push(steps, signs, ends, driven, delayed, gyro, forgotten):  # type: ignore[no-untyped-def]
-    """Add a step behind all others, in place; the first is forgotten, or (forgotten: 0) the last. ends: poses (3,) and
-    covariances (3, 3) by the images at its ends; delayed (3,): driven if images are as late as is corrected. Its costs
-    as driven and as delayed.
+def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped-def]
+    """Add a step behind all others, in place; the first is forgotten. ends: poses (3,) and covariances (3, 3) by the
+    images at its ends; delayed (3,): driven if images are as late as is corrected. Its costs as driven and as delayed.
     """
     last = steps.costs.shape[0] - 1
-    for i in range(last if forgotten else 0):
+    for i in range(last):
         copy_row(steps.seen[i + 1], steps.seen[i])
         copy_row(steps.driven[i + 1], steps.driven[i])
         copy_row(steps.gains[i + 1], steps.gains[i])
@@ -290,8 +285,8 @@ class MotionRelation:
         self._last: Sighting | None = None
         self._since_alarm = 0  # steps since the newest alarm
         self._unbroken = 0  # steps since the chain of images began
-        self._before: Sighting | None = None  # where the newest step began
-        self._sum_before = 0.0  # and the sum then
+        self._held: tuple[Sighting, Sighting] | None = None  # a step that waits for the next image
+        self._held_cost = 0.0
         self._spans_ns: list[tuple[int, int]] = []
         self._pending: list[tuple[Sighting, Sighting]] = []
         self._every = _Steps(
@@ -371,21 +366,41 @@ class MotionRelation:
         while self._pending and len(samples) and samples.last_ns >= self._pending[0][1].stamp_ns:
             begin, end = self._pending.pop(0)
             if samples.first_ns <= begin.stamp_ns:
-                self._add(begin, end, history, late_s, steps)
+                self._take(begin, end, history, late_s, steps)
         self._pending = [each for each in self._pending if sighting.stamp_ns - each[1].stamp_ns < 1e9 * MAX_WAIT_S]
 
+    def _take(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
+        """Add a step; one that an image makes of which the few things may have been taken for others waits for the next
+        image: if that fits the rest without it, it is left out.
+        """
+        held, self._held = self._held, None
+        if held is not None:
+            first, middle = held
+            for begin, doubted in (first, middle), (middle, first):
+                may_be_outlier = middle is last and doubted.blurred and (doubted is middle or first.begun)
+                if may_be_outlier and self._cost(begin, sighting, history, steps) < USUAL_COST:
+                    return self._add(begin, sighting, history, late_s, steps)
+            self._add(first, middle, history, late_s, steps)
+        if sighting.blurred or (last.begun and last.blurred):
+            self._held_cost = self._cost(last, sighting, history, steps)
+            if self._held_cost > OUTLIER_COST:
+                self._held = last, sighting
+                return
+        self._add(last, sighting, history, late_s, steps)
+
+    def _cost(self, last: Sighting, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> float:
+        """Of a step as it was driven."""
+        driven = _driven(*history.odometry.samples.arrays, last.stamp_ns, sighting.stamp_ns)
+        seen, weights = _compared(*_ends(last, sighting, history, steps), driven)
+        return float(_cost(seen[None], driven, weights[None], 0))
+
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
-        over = self._over(last, sighting, history, steps)
-        last, ends = over or (last, _ends(last, sighting, history, steps))
         span_ns, odometry = (last.stamp_ns, sighting.stamp_ns), history.odometry.samples.arrays
         late_ns = round(1e9 * late_s)
         driven, gyro = _driven(*odometry, *span_ns), gyro_turn(history, *span_ns)
         delayed = _driven(*odometry, span_ns[0] - late_ns, span_ns[1] - late_ns) if late_s else driven
-        if over is not None:
-            self._spans_ns.pop()
-            self.sum = self._sum_before
-        self._before, self._sum_before = last, self.sum
-        raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro, int(over is None))
+        ends = _ends(last, sighting, history, steps)
+        raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro)
         cost = min(raw, late)
         if late_s:
             self._delay_loss = max(self._delay_loss + late - raw, 0.0)
@@ -400,20 +415,6 @@ class MotionRelation:
             more = min(more, MAX_COST - USUAL_COST)  # a shove is one, however long its step
         self.sum = min(max(self.sum + more, 0.0), 1.1 * MAX_SUM)
         self._explain(history)
-
-    def _over(self, last: Sighting, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> _Over | None:
-        """Where the newest step began, and the ends of a step from there past the last image: that one lies where
-        nothing else does, if the few things that it shows were taken for others. None where it counts.
-        """
-        before = self._before
-        if before is None or not self._spans_ns or self._spans_ns[-1][1] != last.stamp_ns:
-            return None
-        if self._every.costs[-1] < OUTLIER_COST or not last.blurred:
-            return None
-        ends = _ends(before, sighting, history, steps)
-        driven = _driven(*history.odometry.samples.arrays, before.stamp_ns, sighting.stamp_ns)
-        seen, weights = _compared(*ends, driven)
-        return (before, ends) if _cost(seen[None], driven, weights[None], 0) < USUAL_COST else None
 
     def _fill_lags(self) -> None:
         """The odometry's steps at other times, of the steps that are old enough to know all of them."""
@@ -467,6 +468,14 @@ class MotionRelation:
     def refutes_delay(self) -> bool:
         """Whether the delay that is corrected explains less than none."""
         return self._delay_loss > REFUTING_LOSS
+
+    @property
+    def may_contradict(self) -> bool:
+        """Whether there would be an alarm if the step that waits for the next image counted."""
+        if self._held is None:
+            return False
+        mean = self.mean + self._held_cost / max(len(self._spans_ns), WINDOW // 2)
+        return mean > MAX_MEAN or self.sum + 2.0 * self._held_cost > MAX_SUM
 
     @property
     def contradicts(self) -> bool:
@@ -567,8 +576,10 @@ class MotionRelation:
         return Explanation(Culprit.IMAGES, "images contradict odometry")
 
 
-def _ends(last: Sighting, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> _Ends:
-    """By the images of a step; the noise of its motion in the second."""
+def _ends(
+    last: Sighting, sighting: Sighting, history: MotionHistory, steps: StepNoise
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Poses (3,) and covariances (3, 3) by the images of a step; the noise of its motion in the second."""
     covariance = sighting.covariance
     if steps.walks:
         turn = rotated(float(last.pose[2]))

@@ -66,6 +66,7 @@ class VisualMotion:
         self.last: Sighting | None = None
         self._velocity: FloatArray = np.zeros(3)
         self._first_ns: int | None = None
+        self.learned = False  # whether the newest image has taught that the ones before were seen by another camera
         self._errors: FloatArray = np.zeros(0)  # of the camera, where the chain of images began
 
     @property
@@ -99,7 +100,8 @@ class VisualMotion:
                     best = _mixed(best, (moving, still, other))
             if seconds > 0.0:
                 self._velocity = difference(best.pose, last.pose) / seconds
-        if best.begun or self._learns(stamp_ns, camera):
+        self.learned = self._learns(stamp_ns, camera)
+        if best.begun or self.learned:
             best, self._errors, self._velocity = best._replace(begun=True), camera.errors, np.zeros(3)
         self.last = best
         return best
