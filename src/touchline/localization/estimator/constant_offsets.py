@@ -171,6 +171,9 @@ def exceeded_moving(errors, speed, rate):  # type: ignore[no-untyped-def]
     return exceeded_by(of_position), exceeded_by(of_heading)
 
 
+_Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]  # by an image, as `corrected` takes it
+
+
 class _Belief(NamedTuple):
     """A filter's mean (7,), covariance (7, 7), deviations of the errors before (4,), and whether the camera moved."""
 
@@ -187,6 +190,10 @@ class ConstantOffsets:
         self._late_s = self._clock_s = self._lag_s = self._ahead_s = 0.0
         self._clock_set = self._camera_moved = False  # whether images have come otherwise, or turned at once
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
+        self._state: FloatArray = np.zeros(7)
+        self._joint: FloatArray = np.eye(7)
+        self._images, self._first_blurred = 0, False  # that were taken; whether the first may be an outlier
+        self._others: list[_Belief] = []  # what is believed without the newest image, if that may be an outlier
         self.reset()
 
     def reset(self, start: Pose | None = None, covariance: FloatArray = UNKNOWN) -> None:
@@ -246,7 +253,8 @@ class ConstantOffsets:
         late_s, late2 = float(self._state[LATE]), float(self._joint[LATE, LATE])
         since, bend, self._velocity = taken(*history.odometry.samples.arrays, sighting.stamp_ns, late_s, late2)
         seen = (sighting.pose, sighting.covariance, since, bend, self._velocity)
-        without = next((one for one in others if corrected(one.state, one.joint, one.prior, *seen, False)[1] >= 0.0), None)
+        fits = (one for one in others if corrected(one.state, one.joint, one.prior, *seen, False)[1] >= 0.0)
+        without = next(fits, None)
         if without is not None:
             self._state, self._joint, self._prior, self._camera_moved = without
         else:
@@ -255,7 +263,7 @@ class ConstantOffsets:
         self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
 
-    def _correct(self, sighting: Sighting, seen: tuple[FloatArray, ...]) -> None:
+    def _correct(self, sighting: Sighting, seen: _Pose) -> None:
         """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
         believed without it is kept: the next image decides.
         """
@@ -281,8 +289,8 @@ class ConstantOffsets:
         self._prior = np.sqrt(np.diag(self._joint)[3:])
 
     def _begin(self, pose: FloatArray, covariance: FloatArray) -> None:
-        self._images, self._first_blurred = 0, False  # since then
-        self._others: list[_Belief] = []  # what is believed without the newest image, if that may be an outlier
+        self._images, self._first_blurred = 0, False
+        self._others = []
         self._state = np.concatenate((pose, np.zeros(4)))
         self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
         self._joint[:3, :3] = covariance

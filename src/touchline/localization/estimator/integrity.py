@@ -246,7 +246,7 @@ class Integrity:
         unseen_m = math.hypot(unseen.x, unseen.y)
         position_m = math.hypot(wider * math.sqrt(major2), offset_m) + PROTECTION_M
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
-        first = not self.relation.all_round and len(self._shares) == 1  # a sector's first image tells less than it seems
+        first = not self.relation.all_round and len(self._shares) == 1  # a sector tells less than it seems at first
         if position_m > (FIRST_ALERT_M if first else ALERT_M) or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None

@@ -366,10 +366,12 @@ class MotionRelation:
         while self._pending and len(samples) and samples.last_ns >= self._pending[0][1].stamp_ns:
             begin, end = self._pending.pop(0)
             if samples.first_ns <= begin.stamp_ns:
-                self._take(begin, end, history, late_s, steps)
+                self._add_or_hold(begin, end, history, late_s, steps)
         self._pending = [each for each in self._pending if sighting.stamp_ns - each[1].stamp_ns < 1e9 * MAX_WAIT_S]
 
-    def _take(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
+    def _add_or_hold(
+        self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise
+    ) -> None:
         """Add a step; one that an image makes of which the few things may have been taken for others waits for the next
         image: if that fits the rest without it, it is left out.
         """
