@@ -40,11 +40,14 @@ class PoseStatus:
         self.images, self.blind_frames = 0, 0
         self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
         self._image_trust = self.trust
+        self._sees_one = False  # whether the newest image shows a crossing or landmark and nothing else
         self._contradicted_s = 0.0  # of that, time in which something was seen
 
     def sees(self, seen: Seen) -> bool:
         """Take what an image shows; whether that is enough to correct a pose."""
-        shows = len(seen.positions_m) >= self.criteria.min_points or len(seen.raw_m) > 0
+        enough = len(seen.positions_m) >= self.criteria.min_points
+        self._sees_one = not enough and len(seen.raw_m) == 1
+        shows = enough or len(seen.raw_m) > 0
         self.blind_frames = 0 if shows else self.blind_frames + 1
         self._image_trust = self.trust.of(seen.crude)
         return shows
@@ -81,20 +84,20 @@ class PoseStatus:
         best, tracked = bank.best, self.status is Status.TRACKING
         if best is None:
             return self.status
-        if self.blind_frames == 0:
+        fits = self._fits(bank, 0.5)
+        shown = self.blind_frames == 0 and (fits or not self._sees_one)  # one thing alone may be a false one
+        if shown:
             memory = 1.0 if self.images == 0 or self._unexplained_s > BLIND_S else self.trust.memory
             self._explained += memory * (bank.share - self._explained)
             self.images += 1
-        seen_and_fits = self.blind_frames == 0 and self._fits(bank, 0.5)
-        self._unexplained_s = 0.0 if seen_and_fits else self._unexplained_s + seconds
-        # by this image: the robot was carried off, or what it shows are no lines
-        contradicted = self.blind_frames == 0 and not seen_and_fits
-        if self.blind_frames == 0:
+        self._unexplained_s = 0.0 if shown and fits else self._unexplained_s + seconds
+        contradicted = shown and not fits  # the robot was carried off, or what this image shows are no lines
+        if shown:
             self._contradicted_s = self._contradicted_s + seconds if contradicted else 0.0
         likely = self.is_likely(bank)
         decided = likely and end.is_decided(self.criteria.min_probability)
         ratio = self._image_trust.tracked_ratio if tracked else 1.0
-        unexplained = self.blind_frames == 0 and self._explained < ratio * self.criteria.min_explained
+        unexplained = shown and self._explained < ratio * self.criteria.min_explained
         doubts = (
             (not likely, "several poses are likely, or too few images support one"),
             (not decided, "which end of the field is open"),
