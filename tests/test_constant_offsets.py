@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -26,9 +27,17 @@ RATE_HZ, SECONDS = 10.0, 8.0
 
 
 def driven(
-    offset: Pose, late_s: float = 0.0, turns: bool = True, speed_m_s: float = 1.0, corrected_s: float = 0.0
+    offset: Pose,
+    late_s: float = 0.0,
+    turns: bool = True,
+    speed_m_s: float = 1.0,
+    corrected_s: float = 0.0,
+    outliers: Sequence[int] = (),
+    blurred: bool = False,
 ) -> ConstantOffsets:
-    """Drive with changing speed and turns; each image shows the robot's pose composed with an offset."""
+    """Drive with changing speed and turns; each image shows the robot's pose composed with an offset; outliers: images
+    that show it elsewhere. blurred: whether they may.
+    """
     rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
     offsets.reset()
 
@@ -44,7 +53,9 @@ def driven(
         history.add(Frame(round(1e9 * (seconds + 1.0)), odometry=samples))
         seen: FloatArray = pose_at(seconds + 1.0 - late_s).compose(offset).as_array() + rng.normal(0, 0.005, 3)
         covariance = np.diag(np.square([0.01, 0.01, 0.005]))
-        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k == 0)
+        if k in outliers:
+            seen += np.array([0.3, -0.4, 0.3])
+        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k == 0, blurred)
         offsets.update(sighting, history, StepNoise(walks=False), corrected_s)
     return offsets
 
@@ -62,6 +73,20 @@ def test_a_displaced_camera_is_found_in_turns() -> None:
 def test_what_only_turns_show_stays_unknown_without_them() -> None:
     assert driven(Pose(0.0, 0.0, 0.0), turns=False).bound[0] > 0.5 * AT_FIRST[1]
     assert driven(Pose(0.0, 0.0, 0.0), turns=True).bound[0] < 0.2 * AT_FIRST[1]
+
+
+@pytest.mark.parametrize("outliers", [(40, 60), (0,)])
+def test_an_image_that_may_lie_elsewhere_is_taken_back_if_the_next_one_agrees_with_those_before(
+    outliers: tuple[int, ...],
+) -> None:
+    """In the middle, or the first one of all; two in a row are none."""
+    usual = driven(Pose(0.0, 0.0, 0.0)).bound
+    np.testing.assert_allclose(
+        driven(Pose(0.0, 0.0, 0.0), outliers=outliers, blurred=True).bound, usual, rtol=0.3, atol=0.01
+    )
+    assert driven(Pose(0.0, 0.0, 0.0), outliers=(78, 79), blurred=True).bound[1] > 4.0 * usual[1]
+    if outliers[0]:
+        assert driven(Pose(0.0, 0.0, 0.0), outliers=outliers, blurred=False).bound[1] > 3.0 * usual[1]
 
 
 def test_late_images_are_within_the_bound_unless_they_are_corrected() -> None:

@@ -353,6 +353,24 @@ def test_a_robot_with_a_perspective_camera_may_look_away_as_long_as_it_is_told_t
     assert [found[images].status is Status.TRACKING for images in (2, 30, 60)] == [False, False, True]
 
 
+def test_a_lone_mark_that_the_pose_does_not_explain_says_nothing_and_two_do() -> None:
+    """A robot that looks away, and takes something for a penalty mark."""
+    truth, frames = walk(WHITE)
+
+    def after(*places_m: tuple[float, float]) -> Status:
+        kinds, none = (
+            np.full(len(places_m), LandmarkKind.PENALTY_MARK, dtype=object),
+            np.full((len(places_m), 2), np.nan),
+        )
+        spread, sure = np.tile(0.03**2 * np.eye(2), (len(places_m), 1, 1)), np.ones(len(places_m))
+        marks = Landmarks(kinds, np.array(places_m), spread, sure, ((),) * len(places_m), none)
+        last = replace(frames[20], observation=Observation(frames[20].stamp_ns, landmarks=marks))
+        return walked({}, [*frames[:20], last], Prior(Pose(*truth[0].tolist())))[-1].status
+
+    assert after((0.7, 0.9)) is Status.TRACKING
+    assert after((0.7, 0.9), (1.1, -0.4)) is not Status.TRACKING
+
+
 @pytest.mark.parametrize("kind", ["mirror", "perspective"])
 @pytest.mark.parametrize("key", [key for key, *_ in settings_rows(TouchlineSettings)])
 def test_every_setting_has_an_effect_with_either_camera(kind: str, key: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -151,15 +151,24 @@ def test_a_pose_found_in_the_own_half_counts_once_two_images_agree_and_one_that_
     assert integrity.confirmed
 
 
-def related(change: Callable[[Pose], Pose], steps: int = WINDOW, all_round: bool = True) -> MotionRelation:
-    """The relation of a robot that drives in curves, whose odometry tells its steps otherwise."""
+def related(
+    change: Callable[[Pose], Pose],
+    steps: int = WINDOW,
+    all_round: bool = True,
+    outliers: Sequence[int] = (),
+    blurred: bool = False,
+) -> MotionRelation:
+    """The relation of a robot that drives in curves, whose odometry tells its steps otherwise; outliers: images that
+    show it elsewhere. blurred: whether they may.
+    """
     history, relation = MotionHistory(), MotionRelation()
     relation.all_round = all_round
     pose, told = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
     for k in range(steps):
         stamp_ns = 100_000_000 * (k + 1)
         history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([told]))))
-        sighting = Sighting(stamp_ns, pose.as_array(), 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0)
+        shown = pose.as_array() + (np.array([0.3, -0.4, 0.3]) if k in outliers else 0.0)
+        sighting = Sighting(stamp_ns, shown, 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0, blurred=blurred)
         relation.update(sighting, history, 0.0, jumped=False)
         step = Pose(0.2, 0.1 * math.sin(0.3 * k), 0.2 * math.sin(0.2 * k))
         pose, told = pose.compose(step), told.compose(change(step))
@@ -187,6 +196,25 @@ def test_what_contradicts_is_named(change: Callable[[Pose], Pose], culprit: Culp
     explanation = relation.blame()
     assert explanation.culprit is culprit
     assert said in explanation.text
+
+
+def test_single_images_that_may_lie_elsewhere_are_no_contradiction() -> None:
+    """Four of 32, the first one among them: each would make two steps that contradict; two in a row do."""
+    apart, pairs = (0, 8, 16, 24), (7, 8, 15, 16, 23, 24)
+    shown = {
+        (outliers, blurred): related(lambda step: step, outliers=outliers, blurred=blurred)
+        for outliers in (apart, pairs)
+        for blurred in (False, True)
+    }
+    assert max(shown[apart, True].statistics.values()) < 0.1
+    assert all(max(shown[each].statistics.values()) >= 1.0 for each in shown if each != (apart, True))
+
+
+def test_the_step_to_an_image_that_may_lie_elsewhere_waits() -> None:
+    waiting = related(lambda step: step, outliers=(7, 8, 15, 16, WINDOW - 1), blurred=True)
+    assert waiting.may_contradict
+    assert max(waiting.statistics.values()) < 1.0
+    assert not related(lambda step: step, outliers=(WINDOW - 1,), blurred=True).may_contradict
 
 
 def test_steps_that_slip_as_feet_do_are_no_contradiction_and_a_wrong_sign_is() -> None:

@@ -282,7 +282,8 @@ class Integrity:
         last = self.motion.last
         if last is not None and not last.begun:
             self._velocity = self._velocity_since(last, stamp_ns, history)
-        if last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S:
+        lone = not len(image.seen.positions_m) and len(image.seen.raw_m) == 1  # a crossing that tells no motion
+        if (last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S) and not lone:
             knowing = bank.knowing
             spread = knowing.error_covariance + bank.statistics.per_image
             camera = Camera(knowing.errors, spread, bank.trust.free_fit)
