@@ -86,7 +86,8 @@ class MotionHistory:
         self.clocks.frame_ns = frame.stamp_ns
         sensors = frame.odometry, frame.wheels, frame.gyro, frame.compass, frame.tilt
         for name, samples in zip(("odometry", "wheels", "gyro", "compass", "attitude"), sensors, strict=True):
-            self._take(name, samples)
+            if samples is not None:
+                self._take(name, samples)
         if newest_ns is not None:
             for sensor in self._sensors.values():
                 sensor.forget_before(newest_ns - _KEPT_NS)

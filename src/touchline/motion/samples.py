@@ -97,9 +97,7 @@ class SampleHistory:
             return
         for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
             row = values[: self._columns]
-            if not all(abs(value) < MAX_VALUE for value in row) or (
-                self._stamps_ns and stamp_ns <= self._stamps_ns[-1]
-            ):
+            if not math.hypot(*row) < MAX_VALUE or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
                 self.dropped += 1
                 continue
             for column in self._angles:
@@ -118,9 +116,10 @@ class SampleHistory:
 
     def forget_before(self, stamp_ns: int) -> None:
         """Forget what isn't needed to look up values from a stamp on."""
-        old = max(bisect_right(self._stamps_ns, stamp_ns) - 1, 0)
-        del self._stamps_ns[:old], self._rows[:old]
-        self._forgotten += old
+        old = bisect_right(self._stamps_ns, stamp_ns) - 1
+        if old > 0:
+            del self._stamps_ns[:old], self._rows[:old]
+            self._forgotten += old
 
     def clear(self) -> None:
         """Forget all samples."""

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from touchline.errors import InputError
 from touchline.geometry import BoolArray, FloatArray
@@ -33,10 +34,11 @@ MAX_OBSERVED_POINTS = 10_000_000
 class _Seen:
     """What all things seen have in common: arrays with a row for each.
 
-    SHAPES: of each array behind its (N,), the one that says how many there are first. KINDS: which ones there are.
+    FIRST: the array that says how many there are. SHAPES: of each array behind its (N,). KINDS: which ones there are.
     """
 
     NAME: ClassVar[str]
+    FIRST: ClassVar[str] = "positions_m"
     SHAPES: ClassVar[Mapping[str, tuple[int, ...]]]
     KINDS: ClassVar[Iterable[str]] = ()
 
@@ -49,13 +51,13 @@ class _Seen:
         ]
         if wrong:
             raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
-        unknown = set(getattr(self, "kinds", np.zeros(0)).tolist()) - set(self.KINDS)
+        unknown = self.KINDS and set(getattr(self, "kinds", np.zeros(0)).tolist()) - set(self.KINDS)
         if unknown:
             known = ", ".join(self.KINDS)
             raise ValueError(f"{self.NAME} are of the kinds {known}, not {', '.join(sorted(map(str, unknown)))}")
 
     def __len__(self) -> int:
-        return len(getattr(self, next(iter(self.SHAPES))))
+        return len(getattr(self, self.FIRST))
 
     def rows(self, kept: BoolArray) -> Self:
         """The rows of a mask (N,) alone; itself if that is all."""
@@ -110,9 +112,12 @@ class LinePoints(_Seen):
 def _measured(
     positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
 ) -> BoolArray:
-    """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
-    if _all_measured(positions_m, covariances_m2, confidences, max_range_m):
-        return np.ones(len(positions_m), dtype=np.bool_)
+    """Which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m; (N,), or
+    (1,) where plainly all are.
+    """
+    columns = [np.ascontiguousarray(each, dtype=np.float64) for each in (positions_m, covariances_m2, confidences)]
+    if _all_measured(columns[0], columns[1], columns[2], max_range_m):
+        return _ALL
     kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
     kept &= np.isfinite(confidences) & (confidences >= 0.0)
     kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)
@@ -122,18 +127,20 @@ def _measured(
     return np.asarray(kept)
 
 
-def _all_measured(
-    positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
-) -> bool:
+@njit(cache=True)
+def _all_measured(positions_m, covariances_m2, confidences, max_range_m):  # type: ignore[no-untyped-def]
     """Whether all places are measurements; quick, and False where that is not plain: far off."""
-    if len(positions_m) == 0:
-        return True
-    far_m = np.maximum.reduce(np.abs(positions_m), axis=None)
-    most_m2 = np.maximum.reduce(np.abs(covariances_m2), axis=None)
-    if not (far_m < math.inf and most_m2 < math.inf and np.maximum.reduce(confidences) < math.inf):
-        return False
-    least_m2 = min(np.minimum.reduce(covariances_m2[:, 0, 0]), np.minimum.reduce(covariances_m2[:, 1, 1]))
-    return bool(min(least_m2, np.minimum.reduce(confidences)) >= 0.0 and far_m <= max_range_m / 1.5)
+    for i in range(len(positions_m)):
+        far_m = abs(positions_m[i, 0]) + abs(positions_m[i, 1])
+        if not (far_m < math.inf and far_m <= max_range_m and 0.0 <= confidences[i] < math.inf):
+            return False
+        for a in range(2):
+            if not (0.0 <= covariances_m2[i, a, a] < math.inf and abs(covariances_m2[i, a, 1 - a]) < math.inf):
+                return False
+    return True
+
+
+_ALL = np.ones(1, dtype=np.bool_)
 
 
 def check_point_count(count: int) -> int:
@@ -165,9 +172,15 @@ def generic_covariances(positions_m: FloatArray) -> FloatArray:
 
     The same in all directions; standard deviation 1 cm and 2 % of the range, as of a usual camera's calibration.
     """
-    sigma_m = 0.01 + 0.02 * np.hypot(positions_m[:, 0], positions_m[:, 1])
+    return _generic_covariances(np.ascontiguousarray(positions_m, dtype=np.float64))
+
+
+@njit(cache=True)
+def _generic_covariances(positions_m):  # type: ignore[no-untyped-def]
     covariances_m2 = np.zeros((len(positions_m), 2, 2))
-    covariances_m2[:, 0, 0] = covariances_m2[:, 1, 1] = sigma_m**2
+    for i in range(len(positions_m)):
+        sigma_m = 0.01 + 0.02 * math.hypot(positions_m[i, 0], positions_m[i, 1])
+        covariances_m2[i, 0, 0] = covariances_m2[i, 1, 1] = sigma_m * sigma_m
     return covariances_m2
 
 
@@ -191,6 +204,7 @@ class Lines(_Seen):
     pixels: FloatArray
 
     NAME = "lines"
+    FIRST = "ends_m"
     SHAPES: ClassVar = {"ends_m": (2, 2), "covariances_m2": (2, 2, 2), "confidences": (), "pixels": (2, 2)}
 
     def usable(self, max_range_m: float = math.inf) -> Lines:

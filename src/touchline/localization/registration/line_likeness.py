@@ -128,18 +128,18 @@ def _strip(xs, ys, half_m):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
-    """Append the neighbours of point i, in cell row, to the lists; the new end."""
+def _neighbours(points, i, lists, reach_m):  # type: ignore[no-untyped-def]
+    """Append the neighbours of point i to the lists; the new end."""
     cells, first, after, found, end = lists
-    rings = math.ceil(reach_m / NEAR_M)
-    for gx in range(cells[row, 0] - rings, cells[row, 0] + rings + 1):
-        for gy in range(cells[row, 1] - rings, cells[row, 1] + rings + 1):
+    x, y, far_m = points[i, 0], points[i, 1], reach_m + 1e-9
+    low_y, high_y = math.floor((y - far_m) / NEAR_M), math.floor((y + far_m) / NEAR_M)
+    for gx in range(math.floor((x - far_m) / NEAR_M), math.floor((x + far_m) / NEAR_M) + 1):
+        for gy in range(low_y, high_y + 1):
             j = first[slot(cells, gx, gy)]
             while j >= 0:
-                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-                if dx * dx + dy * dy < reach_m * reach_m and j != i:
-                    found[end] = j
-                    end += 1
+                dx, dy = points[j, 0] - x, points[j, 1] - y
+                found[end] = j  # kept or not: no processor predicts which
+                end += (dx * dx + dy * dy < reach_m * reach_m) & (j != i)
                 j = after[j]
     return end
 
@@ -163,7 +163,7 @@ def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
         if found.shape[0] < ends[i] + n:
             found = np.concatenate((found, np.empty(found.shape[0] + n, dtype=np.int64)))
         lists, reach_m = uncounted((cells, first, after, found, ends[i])), max(NEAR_M, STRIP_RATIO * half_m)
-        ends[i + 1] = _neighbours(points, i, slots[i], lists, reach_m)
+        ends[i + 1] = _neighbours(points, i, lists, reach_m)
         nearby, k = weights[i], ends[i + 1] - ends[i]
         for m in range(k):
             j = found[ends[i] + m]
