@@ -78,6 +78,7 @@ class Filter:
         self._learned[_ERRORS:] = initial.learned
         self._measured = np.array([0, 1, 2, *range(_ERRORS, count)])  # the states that a fit measures
         self._motion_noise = np.zeros((3, 3))  # that the motion since the last image has added
+        self._mean = pose, self.errors, np.zeros(0)  # of which pose and errors it was made last
 
     @property
     def covariance(self) -> FloatArray:
@@ -214,7 +215,12 @@ class Filter:
         return squares, np.diag(self._motion_noise)
 
     def _expected(self) -> FloatArray:
-        return np.array([*self.pose, *self.errors.tolist()])
+        """Pose and errors (S,), read-only: made once for all that an image asks."""
+        pose, errors, mean = self._mean
+        if pose is not self.pose or errors is not self.errors or not len(mean):
+            mean = np.array([*self.pose, *self.errors.tolist()])
+            self._mean = self.pose, self.errors, mean
+        return mean
 
     def _evidence(self, fit: StateFit) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Information, gradient and the residual from what is expected to a fit."""

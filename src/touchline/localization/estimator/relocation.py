@@ -15,7 +15,7 @@ from touchline.motion.delayed import Delayed
 from touchline.types import Frame, Prior
 
 # of a prediction (m, m, rad) from which registration may take other lines for those seen: seconds unseen, no odometry
-LOST_VARIANCES = np.square([0.6, 0.6, 1.0])
+LOST_VARIANCES = 0.36, 0.36, 1.0
 OPEN_LOG_ODDS = 1.0  # of an end that is likelier and open
 OUTSIDE_M = 1.0  # by so much the area where a robot may stand is longer and wider than the field
 
@@ -61,7 +61,8 @@ class Relocation:
         """Whether the pose that was followed is predicted too widely for images to be registered from it."""
         if self.whereabouts is not None or not bank.confirmed or bank.best is None:
             return False
-        return bool((np.diag(bank.best.filter.covariance) > LOST_VARIANCES).any())
+        variances = np.diagonal(bank.best.filter.covariance).tolist()
+        return any(variance > lost for variance, lost in zip(variances, LOST_VARIANCES, strict=True))
 
     def lie(self, seconds: float) -> None:
         """It lies for so long, and may be moved."""
