@@ -106,7 +106,6 @@ class Localizer:
         self._system = OrderedSystem(made)
         self._history = made.history
         self._counts = _Counts()
-        self._told: Counter[str] = Counter()
         self._pending = _Queue()
         self._said: deque[Evidence] = deque(maxlen=_MAX_EVIDENCE)
         self._messages: dict[str, int] = {}  # the newest one of each of the others
@@ -444,11 +443,9 @@ class Localizer:
 
     def _finished(self, estimate: Estimate) -> Estimate:
         """The estimate, with what was wrong since the one before."""
-        so_far = self._counts.so_far()
-        if so_far == self._told:
+        new = self._counts.new()
+        if not new:
             return estimate
-        new = so_far - self._told
-        self._told = so_far
         problems = tuple(what if count == 1 else f"{what} ({count} times)" for what, count in new.items())
         return replace(estimate, problems=(*estimate.problems, *problems))
 
@@ -506,15 +503,27 @@ class _Counts:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
+        self._told: Counter[str] = Counter()
+        self._changed = False
 
     def add(self, what: str, count: int = 1) -> None:
         with self._lock:
             self._counts[what] += count
+            self._changed = True
 
     def reach(self, what: str, count: int) -> None:
         """It has happened so often by now."""
         with self._lock:
+            self._changed = self._changed or count > self._counts[what]
             self._counts[what] = max(self._counts[what], count)
+
+    def new(self) -> Counter[str]:
+        """Since this was asked last."""
+        if not self._changed:
+            return Counter()
+        with self._lock:
+            new, self._told, self._changed = self._counts - self._told, Counter(self._counts), False
+        return new
 
     def so_far(self) -> Counter[str]:
         with self._lock:

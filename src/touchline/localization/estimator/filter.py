@@ -78,7 +78,7 @@ class Filter:
         self._learned[_ERRORS:] = initial.learned
         self._measured = np.array([0, 1, 2, *range(_ERRORS, count)])  # the states that a fit measures
         self._motion_noise = np.zeros((3, 3))  # that the motion since the last image has added
-        self._mean = pose, self.errors, np.zeros(0)  # of which pose and errors it was made last
+        self._mean: tuple[Pose, FloatArray, FloatArray] = pose, self.errors, np.zeros(0)  # made last, and of what
 
     @property
     def covariance(self) -> FloatArray:
