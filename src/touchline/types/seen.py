@@ -6,7 +6,7 @@ Everything is in the robot frame: x forward, y left, metres. Arrays are not copi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache
@@ -40,7 +40,7 @@ class _Seen:
     NAME: ClassVar[str]
     FIRST: ClassVar[str] = "positions_m"
     SHAPES: ClassVar[Mapping[str, tuple[int, ...]]]
-    KINDS: ClassVar[Iterable[str]] = ()
+    KINDS: ClassVar[Mapping[str, Any]] = {}
 
     def __post_init__(self) -> None:
         count = len(self)
@@ -51,7 +51,7 @@ class _Seen:
         ]
         if wrong:
             raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
-        unknown = self.KINDS and set(getattr(self, "kinds", np.zeros(0)).tolist()) - set(self.KINDS)
+        unknown = set(getattr(self, "kinds", _ALL).tolist()).difference(self.KINDS) if self.KINDS else ()
         if unknown:
             known = ", ".join(self.KINDS)
             raise ValueError(f"{self.NAME} are of the kinds {known}, not {', '.join(sorted(map(str, unknown)))}")
@@ -246,7 +246,7 @@ class Crossings(_Seen):
     pixels: FloatArray
 
     NAME = "crossings"
-    KINDS = CrossingKind
+    KINDS = dict.fromkeys(CrossingKind)
     SHAPES: ClassVar = {
         **{"positions_m": (2,), "kinds": (), "orientations_rad": ()},
         **{"covariances_m2": (2, 2), "confidences": (), "pixels": (2,)},
@@ -293,7 +293,7 @@ class Landmarks(_Seen):
     pixels: FloatArray
 
     NAME = "landmarks"
-    KINDS = LandmarkKind
+    KINDS = dict.fromkeys(LandmarkKind)
     SHAPES: ClassVar = {"positions_m": (2,), "kinds": (), "covariances_m2": (2, 2), "confidences": (), "pixels": (2,)}
 
     def __post_init__(self) -> None:

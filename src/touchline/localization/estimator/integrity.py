@@ -390,7 +390,8 @@ class Integrity:
         turns = _GOLDEN * np.arange(len(upright))
         cosine, sine = np.cos(turns), np.sin(turns)
         x, y = upright.T
-        scattered = np.column_stack((cosine * x - sine * y, sine * x + cosine * y))
+        scattered = np.empty_like(upright)
+        scattered[:, 0], scattered[:, 1] = cosine * x - sine * y, sine * x + cosine * y
         fit = self._registration.fit(scattered, image.seen.covariances_m2, best.fit.state[:3].copy(), _NO_STEPS)
         self._chance += 0.3 * (min(fit.explained, 0.9) - self._chance)
 
