@@ -75,7 +75,7 @@ class MotionHistory:
 
     def add(self, frame: Frame) -> None:
         """Take all samples of a frame. Raises ValueError, and takes none, if it is older than the newest frame."""
-        if not isinstance(frame, Frame) or not isinstance(frame.stamp_ns, int | np.integer):
+        if not isinstance(frame, Frame) or not isinstance(frame.stamp_ns, (int, np.integer)):
             raise InputError(f"a system steps a Frame with a whole number of nanoseconds, got {frame!r:.60}")
         newest_ns = self.clocks.frame_ns
         if newest_ns is not None and frame.stamp_ns < newest_ns:

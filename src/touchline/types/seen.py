@@ -61,7 +61,7 @@ class _Seen:
 
     def rows(self, kept: BoolArray) -> Self:
         """The rows of a mask (N,) alone; itself if that is all."""
-        if kept.all():
+        if kept is _ALL or kept.all():
             return self
         rows: dict[str, Any] = {}
         for each in fields(self):

@@ -156,6 +156,8 @@ class Bank:
     @property
     def probabilities(self) -> list[float]:
         """Of the members, their twins on a symmetric field not counted."""
+        if len(self.members) == 1:
+            return [1.0]
         odds = [math.exp(one.log_odds - self.members[0].log_odds) for one in self.members]
         total = sum(odds)
         return [each / total for each in odds]

@@ -137,6 +137,7 @@ class Integrity:
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
         self._contradicted = False  # whether the first images did the pose that was given
         self.statistics: dict[str, float] = {}
+        self._worst = 0.0  # of those that distrust something
         self._shares: list[float] = []
         self._shares_of_points: list[float] = []  # which is what chance explains, too
         self._since_jump = SHARE_MEMORY  # images
@@ -181,7 +182,7 @@ class Integrity:
     def is_settled(self) -> bool:
         """Whether all has been well for some images: a pose to come back to."""
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
-        return seen and _largest(self.statistics) < SETTLED
+        return seen and self._worst < SETTLED
 
     def report_camera(self) -> str | None:
         """That the errors which were learned are more than camera.yaml states; at first, and now and then. Once an
@@ -454,7 +455,8 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         statistics = self.statistics = self._measured()
-        if _largest(statistics) >= 1.0:
+        self._worst = max(_but(statistics, CAMERA).values())
+        if self._worst >= 1.0:
             self._raise(statistics)
         elif self.verdict.reason and self.relation.agrees:
             self.verdict = ALL_WELL
@@ -478,11 +480,6 @@ class Integrity:
             return "the pose lies outside of the carpet"
         off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
         return f"{off}: clutter, another field, or camera.yaml"
-
-
-def _largest(statistics: dict[str, float]) -> float:
-    """Of the statistics that distrust something."""
-    return max(value for name, value in statistics.items() if name != CAMERA)
 
 
 def _unseen_rad(turn: float, by_gyro: float) -> float:
