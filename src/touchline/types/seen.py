@@ -72,6 +72,9 @@ class _Seen:
     @classmethod
     def joined(cls, tables: Sequence[Self]) -> Self:
         """All rows of all tables."""
+        tables = [table for table in tables if len(table)] or tables[:1]
+        if len(tables) == 1:
+            return tables[0]
         columns = ([getattr(table, each.name) for table in tables] for each in fields(cls))
         rows: list[Any] = [sum(c, ()) if isinstance(c[0], tuple) else np.concatenate(c) for c in columns]
         return cls(*rows)
@@ -172,22 +175,23 @@ def generic_covariances(positions_m: FloatArray) -> FloatArray:
 
     The same in all directions; standard deviation 1 cm and 2 % of the range, as of a usual camera's calibration.
     """
-    return _generic_covariances(np.ascontiguousarray(positions_m, dtype=np.float64))
+    covariances_m2: FloatArray = _generic(np.ascontiguousarray(positions_m, dtype=np.float64))[0]
+    return covariances_m2
 
 
 @njit(cache=True)
-def _generic_covariances(positions_m):  # type: ignore[no-untyped-def]
+def _generic(positions_m):  # type: ignore[no-untyped-def]
+    """`generic_covariances` of positions (N, 2); confidences (N,) and pixels (N, 2) of which nothing is known."""
     covariances_m2 = np.zeros((len(positions_m), 2, 2))
     for i in range(len(positions_m)):
         sigma_m = 0.01 + 0.02 * math.hypot(positions_m[i, 0], positions_m[i, 1])
         covariances_m2[i, 0, 0] = covariances_m2[i, 1, 1] = sigma_m * sigma_m
-    return covariances_m2
+    return covariances_m2, np.ones(len(positions_m)), np.full(positions_m.shape, np.nan)
 
 
 def points_at(positions_m: FloatArray) -> LinePoints:
     """Line points of which only the positions (N, 2), robot frame, are known: sure, with `generic_covariances`."""
-    n = len(positions_m)
-    return LinePoints(positions_m, generic_covariances(positions_m), np.ones(n), np.full((n, 2), np.nan))
+    return LinePoints(positions_m, *_generic(np.ascontiguousarray(positions_m, dtype=np.float64)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -299,7 +299,7 @@ class Bank:
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
         free = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
-        gain = float(seen.shares.sum()) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
+        gain = float(np.add.reduce(seen.shares)) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
         return Jump(free.pose - predicted if gain > 0.0 else step, distance2, gain)
 
     def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:

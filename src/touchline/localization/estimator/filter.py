@@ -100,7 +100,7 @@ class Filter:
     def odometry(self) -> OdometryScales:
         """What it has learned of the odometry."""
         ahead, aside, turn = self.scales.tolist()
-        deviations = [math.sqrt(variance) for variance in np.diagonal(self._joint)[3:6].tolist()]
+        deviations = [math.sqrt(variance) for variance in self._joint.diagonal()[3:6].tolist()]
         return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
 
     @property
@@ -213,7 +213,7 @@ class Filter:
         (3,) that it was expected to have; field frame.
         """
         squares = step_squares(self._joint, self._measured, per_image, *self._evidence(fit), self._motion_noise)
-        return squares, np.diagonal(self._motion_noise)
+        return squares, self._motion_noise.diagonal()
 
     def _expected(self) -> FloatArray:
         """Pose and errors (S,), read-only: made once for all that an image asks."""

@@ -331,7 +331,7 @@ class MotionRelation:
     @property
     def turns(self) -> bool:
         """Whether the robot has turned of late."""
-        return float(np.abs(self._steps.driven[-AGREEING:, 2]).sum()) > TELLING_RAD
+        return float(np.add.reduce(np.abs(self._steps.driven[-AGREEING:, 2]))) > TELLING_RAD
 
     @property
     def confirms(self) -> bool:
@@ -406,7 +406,7 @@ class MotionRelation:
         """Try every explanation, if there is anything to explain."""
         self.gain = 0.0
         self._history = history
-        total = float(self._every.costs.sum())
+        total = float(np.add.reduce(self._every.costs))
         self.mean = total / max(len(self._spans_ns), WINDOW // 2)
         if total < WORTH:
             return
