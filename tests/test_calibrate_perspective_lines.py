@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from touchline.calibration.perspective_bundle import (
     camera_at,
     fit_perspective,
 )
+from touchline.calibration.perspective_lines import calibrate_perspective_lines
 from touchline.calibration.perspective_search import find_cameras, place
 from touchline.cli import main
 from touchline.errors import NoFitError
@@ -28,7 +30,7 @@ from touchline.types import LinePoints, Lines, Observation
 
 FIELD = open_field("hsl-s-9x6")
 SIZE = (640, 480)
-TRUE = np.array([0.02, 0.40, math.log(0.62), math.log(505.0), -0.08, 1.0, -1.5])
+TRUE = np.array([0.02, 0.40, math.log(0.62), math.log(505.0), -0.08, 1.0, -1.5, 0.01, 0.0, 0.0])
 POSES = [
     Pose(*pose)
     for pose in (
@@ -75,7 +77,7 @@ def z_scores(state: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def test_the_bundle_finds_the_camera_and_says_how_well(seen: list[Observation]) -> None:
-    start = TRUE + np.array([0.01, -0.02, 0.04, 0.04, 0.08, -1.0, 1.5])
+    start = TRUE + np.array([0.01, -0.02, 0.04, 0.04, 0.08, -1.0, 1.5, -0.01, 0.0, 0.0])
     off = np.array([0.04, -0.03, 0.02])
     views = [
         PerspectiveView(one.points.pixels, Pose(*(pose.as_array() + off).tolist()))
@@ -102,10 +104,23 @@ def test_a_camera_is_found_from_nothing(seen: list[Observation], monkeypatch: py
     assert min(pose.distance_to(one) for one in (POSES[0], POSES[0].mirrored())) < 0.05
 
 
-def test_too_few_lines_are_refused() -> None:
-    search = PoseSearch(FIELD, Registration(FIELD.distance_map()))
-    with pytest.raises(NoFitError, match="lines are seen in 1 images; at least 6"):
-        find_cameras([Observation(0)], "pinhole", SIZE, search)
+def test_lines_drawn_along_their_edges_and_aside_are_held_by_the_uncertainty(seen: list[Observation]) -> None:
+    rng, half = np.random.default_rng(3), 0.5 * FIELD.line_width
+    segments = FIELD.segments + 0.005 * rng.standard_normal(FIELD.segments.shape)
+    segments[:4] *= 1.0 + half / np.abs(segments[:4]).max(axis=0)
+    drawn = replace(FIELD, segments=segments, circles=np.add(FIELD.circles, (0.0, 0.0, half)))
+    views = [PerspectiveView(one.points.pixels, pose) for one, pose in zip(seen, POSES, strict=True)]
+    plain, aside = (fit_perspective(views, TRUE, each, "pinhole", SIZE, True) for each in (FIELD, drawn))
+    assert aside.paint_m > 2.0 * plain.paint_m
+    assert aside.covariance[HEIGHT, HEIGHT] > 1.2 * plain.covariance[HEIGHT, HEIGHT]
+    assert np.abs(z_scores(aside.state, aside.covariance)).max() < 3.0
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_too_few_lines_are_refused(count: int) -> None:
+    images = [np.full((SIZE[1], SIZE[0], 3), (60, 120, 40), dtype=np.uint8)] * count
+    with pytest.raises(NoFitError, match=f"fewer than 6 lines are seen in these {count} images"):
+        calibrate_perspective_lines(images, FIELD, "pinhole")
 
 
 @pytest.mark.parametrize(

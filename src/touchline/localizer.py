@@ -106,7 +106,6 @@ class Localizer:
         self._system = OrderedSystem(made)
         self._history = made.history
         self._counts = _Counts()
-        self._told: Counter[str] = Counter()
         self._pending = _Queue()
         self._said: deque[Evidence] = deque(maxlen=_MAX_EVIDENCE)
         self._messages: dict[str, int] = {}  # the newest one of each of the others
@@ -237,7 +236,7 @@ class Localizer:
             stamp = self._stamp("image", stamp_ns)
             if stamp is None:
                 return self._finished((last or self._unknown(0)).unconfirmed(_NO_STAMP))
-            frame = Frame(
+            self.frame = Frame(
                 stamp,
                 image=self._usable_image(image, points is not None or observation is not None),
                 observation=self._usable_observation(stamp, points, observation),
@@ -245,8 +244,8 @@ class Localizer:
                 problem=None if image is None else "the image can't be used",
                 evidence=_taken(self._said),
                 game=_taken(self._states),
+                **_by_field(self._pending.take(samples)),
             )
-            self.frame = _with_samples(frame, self._pending.take(samples))
             self._go_on(self.frame)
             return self._finished(self._step(self.frame))
 
@@ -379,19 +378,18 @@ class Localizer:
     ) -> Observation | None:
         if observation is None and points is None:
             return None
-        if observation is None:
-            seen, given = Observation(stamp_ns), points
-        elif isinstance(observation, Observation):
-            seen, given = replace(observation, stamp_ns=stamp_ns), observation.points
-        else:
+        if not isinstance(observation, Observation | None):
             self._counts.add("observation: is no Observation")
             return Observation(stamp_ns, problem="what was given is no observation")
+        given = points if observation is None else observation.points
         try:
             known = _as_floats(given) if isinstance(given, LinePoints) else points_at(_pairs(given))
         except (TypeError, ValueError):
             self._counts.add("points: are no array (N, 2) of numbers")
             return Observation(stamp_ns, problem="the points can't be used")
-        return self._measured(replace(seen, points=known))
+        if observation is None:
+            return self._measured(Observation(stamp_ns, known))
+        return self._measured(replace(observation, stamp_ns=stamp_ns, points=known))
 
     def _measured(self, seen: Observation) -> Observation:
         """What of an observation is a measurement; the rest is counted."""
@@ -430,24 +428,24 @@ class Localizer:
         with self._predicting:
             if self._last is not None and frame.stamp_ns < self._last.stamp_ns:
                 self._ahead.clear()
-            self._ahead.add(_with_samples(Frame(frame.stamp_ns), self._ahead_pending.take()))
+            self._ahead.add(Frame(frame.stamp_ns, **_by_field(self._ahead_pending.take())))
             self._last = estimate
         return estimate
 
     def _count_samples(self) -> None:
         """What the motion history left out."""
         for sensor, count in self._history.dropped.items():
-            self._counts.reach(f"{sensor}: a sample that was not newer than the one before, left out", count)
+            if count:
+                self._counts.reach(f"{sensor}: a sample that was not newer than the one before, left out", count)
         for sensor, count in self._history.refused.items():
-            self._counts.reach(f"{sensor}: a sample stamped far ahead of everything else, refused", count)
+            if count:
+                self._counts.reach(f"{sensor}: a sample stamped far ahead of everything else, refused", count)
 
     def _finished(self, estimate: Estimate) -> Estimate:
         """The estimate, with what was wrong since the one before."""
-        so_far = self._counts.so_far()
-        if so_far == self._told:
+        new = self._counts.new()
+        if not new:
             return estimate
-        new = so_far - self._told
-        self._told = so_far
         problems = tuple(what if count == 1 else f"{what} ({count} times)" for what, count in new.items())
         return replace(estimate, problems=(*estimate.problems, *problems))
 
@@ -505,32 +503,36 @@ class _Counts:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
+        self._told: Counter[str] = Counter()
+        self._changed = False
 
     def add(self, what: str, count: int = 1) -> None:
         with self._lock:
             self._counts[what] += count
+            self._changed = True
 
     def reach(self, what: str, count: int) -> None:
         """It has happened so often by now."""
-        if count:
-            with self._lock:
-                self._counts[what] = max(self._counts[what], count)
+        with self._lock:
+            self._changed = self._changed or count > self._counts[what]
+            self._counts[what] = max(self._counts[what], count)
+
+    def new(self) -> Counter[str]:
+        """Since this was asked last."""
+        if not self._changed:
+            return Counter()
+        with self._lock:
+            new, self._told, self._changed = self._counts - self._told, Counter(self._counts), False
+        return new
 
     def so_far(self) -> Counter[str]:
         with self._lock:
             return Counter(self._counts)
 
 
-def _with_samples(frame: Frame, taken: Mapping[str, Samples]) -> Frame:
-    """The frame with samples by sensor."""
-    return replace(
-        frame,
-        odometry=taken.get("odometry"),
-        wheels=taken.get("wheels"),
-        gyro=taken.get("gyro"),
-        compass=taken.get("compass"),
-        tilt=taken.get("attitude"),
-    )
+def _by_field(taken: Mapping[str, Samples]) -> dict[str, Any]:
+    """Samples by sensor, named as a frame names them."""
+    return {"tilt" if sensor == "attitude" else sensor: samples for sensor, samples in taken.items()}
 
 
 def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:

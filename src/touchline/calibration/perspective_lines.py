@@ -1,7 +1,8 @@
 """`touchline calibrate lines --model pinhole|fisheye`: a perspective camera from images at places nobody measured.
 
 Lines are found through a usual camera, cameras that may be from them (`perspective_search`), the best by bundle
-adjustment (`perspective_bundle`); then lines are found again with that camera, and all is fitted once more.
+adjustment (`perspective_bundle`); then lines are found again with that camera, and all is fitted once more, until every
+image's pose is right.
 """
 
 import math
@@ -23,7 +24,7 @@ from touchline.calibration.perspective_bundle import (
     camera_at,
     fit_perspective,
 )
-from touchline.calibration.perspective_search import find_cameras, place
+from touchline.calibration.perspective_search import MIN_LINES, find_cameras, place
 from touchline.camera import GroundView, PerspectiveCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -39,8 +40,11 @@ RIGHT = 0.9  # share of an image's points on lines from which its pose is kept
 # standard deviations of what is written: roll, pitch (rad), height, focal length (ratios)
 MAX_DEVIATIONS = {ROLL: math.radians(0.5), PITCH: math.radians(0.7), HEIGHT: 0.04, FOCAL: 0.04}
 _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per image width, distortion
-_USUAL_PITCH, _USUAL_HEIGHT_M = 0.42, 0.7
-_TRIED, _LOOKS = 3, 1
+# of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
+_USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
+_FITS = 0.1  # cost at which a camera is the right one, if any is
+_NOISE_PX, _START_NOISE_PX = 0.7, 5.0  # of a point where a pose is looked for, and with a camera that is off
+_TRIED, _LOOKS = 16, 4  # cameras that are fitted, and how often lines are found again at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,49 +58,23 @@ class PerspectiveLines:
 
     @property
     def deviations(self) -> FloatArray:
-        """Of the state (7,)."""
+        """Of the state (10,)."""
         return np.sqrt(np.diag(self.fit.covariance))
 
 
 def calibrate_perspective_lines(images: Sequence[ImageArray], field: FieldModel, model: str) -> PerspectiveLines:
     """The camera of images (H, W, 3), B, G, R, all of one size. Raises NoFitError with the reason."""
-    size = (images[0].shape[1], images[0].shape[0])
-    state = np.zeros(len(NAMES))
-    focal, state[DISTORTION] = _USUAL[model]
-    state[[PITCH, HEIGHT, FOCAL]] = _USUAL_PITCH, math.log(_USUAL_HEIGHT_M), math.log(focal * size[0])
-    search = PoseSearch(field, Registration(field.distance_map()))
-
-    def look(state: FloatArray) -> list[Observation]:
-        camera = camera_at(model, size, state)
-        detector = line_graph_detector(camera, LineGraphSettings(), field)
-        seen = []
-        for image in images:
-            detector.reset()  # each has its own light
-            seen.append(detector.detect(image, GroundView(camera)))
-        return seen
-
-    def fitted(seen: Sequence[Observation], state: FloatArray, poses: Mapping[int, Pose]) -> _Fitted:
-        views = {}
-        for k, one in enumerate(seen):
-            if len(one.points) >= MIN_POINTS:
-                pose = poses.get(k) or place(one, model, size, state, search)[0]
-                if pose is not None:
-                    views[k] = PerspectiveView(one.points.pixels, pose)
-        if not views:
-            raise NoFitError("no image shows enough of the field's lines")
-        fit = fit_perspective(list(views.values()), state, field, model, size, bool(poses))
-        return _Fitted(fit, tuple(views), seen)
-
-    seen = look(state)
-    starts = find_cameras([one for one in seen if len(one.points) >= MIN_POINTS], model, size, search)
-    fits = [min((fitted(seen, one.state, {}) for one in starts[:_TRIED]), key=lambda each: each.fit.cost)]
-    for looks in range(1 + _LOOKS):  # some of the poses were found with a camera that is percents off
-        best = min(fits, key=lambda each: each.fit.cost)
-        fits.append(fitted(look(best.fit.state) if looks else seen, best.fit.state, best.right_poses()))
-    best = min(fits, key=lambda each: each.fit.cost)
-    found = PerspectiveLines(
-        camera_at(model, size, best.fit.state), best.fit, best.images, tuple(best.seen[k] for k in best.images)
-    )
+    work = _Calibration(images, field, model)
+    best = work.first()
+    for _ in range(_LOOKS):  # some of the poses were found with a camera that is percents off
+        right = best.right_poses()
+        if not right:
+            break
+        best = work.fitted(work.look(best.fit.state), best.fit.state, right)
+        if len(right) == len(best.right_poses()) == len(best.images):
+            break
+    camera = camera_at(model, work.size, best.fit.state)
+    found = PerspectiveLines(camera, best.fit, best.images, tuple(best.seen[k] for k in best.images))
     _check(found)
     return found
 
@@ -112,6 +90,69 @@ class _Fitted(NamedTuple):
         """Of the images whose points lie on lines."""
         rows = zip(self.images, self.fit.poses, self.fit.on_lines, strict=True)
         return {k: as_pose(pose) for k, pose, on_lines in rows if on_lines >= RIGHT}
+
+
+class _Calibration:
+    """Images of a camera that is looked for."""
+
+    def __init__(self, images: Sequence[ImageArray], field: FieldModel, model: str) -> None:
+        self.size = (images[0].shape[1], images[0].shape[0])
+        self._images, self._field, self._model = images, field, model
+        self._search = PoseSearch(field, Registration(field.distance_map()))
+
+    def look(self, state: FloatArray) -> list[Observation]:
+        """What the images show through the camera of a state (10,)."""
+        camera = camera_at(self._model, self.size, state)
+        detector = line_graph_detector(camera, LineGraphSettings(), self._field)
+        seen = []
+        for image in self._images:
+            detector.reset()  # each has its own light
+            seen.append(detector.detect(image, GroundView(camera)))
+        return seen
+
+    def fitted(self, seen: Sequence[Observation], state: FloatArray, poses: Mapping[int, Pose]) -> _Fitted:
+        """The fit of what was seen from a state (10,); poses: of images that have them."""
+        views, noise_px = {}, _NOISE_PX if poses else _START_NOISE_PX
+        for k, one in enumerate(seen):
+            if len(one.points) >= MIN_POINTS:
+                pose = poses.get(k) or place(one, self._model, self.size, state, self._search, noise_px)[0]
+                if pose is not None:
+                    views[k] = PerspectiveView(one.points.pixels, pose)
+        if not views:
+            raise NoFitError("no image shows enough of the field's lines")
+        fit = fit_perspective(list(views.values()), state, self._field, self._model, self.size, bool(poses))
+        return _Fitted(fit, tuple(views), seen)
+
+    def first(self) -> _Fitted:
+        """The first fit that is good, else the best: of what the usual cameras see, what sees most points first."""
+        looks = [self.look(state) for state in _usual_states(self._model, self.size)]
+        fits: list[_Fitted] = []
+        for seen in sorted(looks, key=lambda each: -sum(len(one.points) for one in each)):
+            starts = find_cameras(
+                [one for one in seen if len(one.points) >= MIN_POINTS], self._model, self.size, self._search
+            )
+            for start in starts[:_TRIED]:
+                try:
+                    fits.append(self.fitted(seen, start.state, {}))
+                except NoFitError:
+                    continue
+                if fits[-1].fit.cost < _FITS:
+                    return fits[-1]
+        if not fits:
+            raise NoFitError(
+                f"fewer than {MIN_LINES} lines are seen in these {len(looks[0])} images, twenty are better: add images "
+                "from places where the centre circle, a penalty area or a corner is in view"
+            )
+        return min(fits, key=lambda each: each.fit.cost)
+
+
+def _usual_states(model: str, size: tuple[int, int]) -> FloatArray:
+    """(3, 10) of usual cameras."""
+    states = np.zeros((len(_USUAL_VIEWS), len(NAMES)))
+    focal, states[:, DISTORTION] = _USUAL[model]
+    focals, states[:, PITCH], heights_m = np.transpose(_USUAL_VIEWS)
+    states[:, HEIGHT], states[:, FOCAL] = np.log(heights_m), np.log(focals * focal * size[0])
+    return states
 
 
 def _check(found: PerspectiveLines) -> None:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.calibration.perspective_bundle import DISTORTION, FOCAL, HEIGHT, NAMES, PITCH, ROLL, camera_at
-from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, IndexArray, Pose
 from touchline.localization.registration.registration import CLUTTER_PER_M
 from touchline.localization.search.pose_search import PoseSearch
@@ -27,38 +26,49 @@ _MIN_LINE_PX, _MAX_COST = 40.0, 4.5  # a line's share of the cost, at most: one 
 _DIRECTIONS_RAD = np.radians(np.arange(0.0, 90.0, 1.5))
 # roll, pitch, log focal length, distortion: nearer ones are one
 _SAME = np.array([math.radians(3.0), math.radians(3.0), 0.1, 0.1])
+_APART = np.full(len(NAMES), np.inf)
+_APART[[ROLL, PITCH, HEIGHT, FOCAL, DISTORTION]] = 0.05, 0.05, 0.15, 0.1, 0.1
 _SQUARE, _SEARCHED_IMAGES = 6, 4  # cameras that are square enough, and images (those with most points) for heights
 _NOISE_PX, _NOISE_M, _REACH_M = 0.7, 0.01, 12.0
 
 
 class Start(NamedTuple):
-    """A camera's state (7,), as of `perspective_bundle`, and its log-likelihood."""
+    """A camera's state (10,), as of `perspective_bundle`, and its log-likelihood."""
 
     state: FloatArray
     log_likelihood: float
 
 
 def find_cameras(seen: Sequence[Observation], model: str, size: tuple[int, int], search: PoseSearch) -> list[Start]:
-    """The likeliest cameras. Raises NoFitError for too few lines."""
+    """The likeliest cameras, the best first; none for fewer than `MIN_LINES` lines."""
     most = np.argsort([-len(one.points) for one in seen])[:_SEARCHED_IMAGES]
-    found = []
+    found: list[Start] = []
     for cost, state in _square_cameras(seen, model, size):
         for height_m in HEIGHTS_M:
             at = state.copy()
             at[HEIGHT] = math.log(height_m)
             likely = sum(place(seen[k], model, size, at, search)[1] for k in most)
             found.append(Start(at, likely - cost))
-    return sorted(found, key=lambda one: -one.log_likelihood)
+    kept: list[Start] = []
+    for one in sorted(found, key=lambda one: -one.log_likelihood):
+        if all(np.any(np.abs(one.state - other.state) > _APART) for other in kept):
+            kept.append(one)
+    return kept
 
 
 def place(
-    one: Observation, model: str, size: tuple[int, int], state: FloatArray, search: PoseSearch
+    one: Observation,
+    model: str,
+    size: tuple[int, int],
+    state: FloatArray,
+    search: PoseSearch,
+    noise_px: float = _NOISE_PX,
 ) -> tuple[Pose | None, float]:
-    """The likeliest pose of an image with a camera's state (7,), and the log-likelihood of its points, per pixel."""
+    """The likeliest pose of an image with a camera's state (10,), and the log-likelihood of its points, per pixel."""
     camera, pixels = camera_at(model, size, state), one.points.pixels
     ground = camera.ground_from_image(pixels)
     near = np.hypot(*np.nan_to_num(ground, nan=np.inf).T) < _REACH_M
-    covariances = camera.ground_covariances(pixels[near], _NOISE_PX, _NOISE_M)
+    covariances = camera.ground_covariances(pixels[near], noise_px, _NOISE_M)
     modes = search.everywhere(np.ascontiguousarray(ground[near]), covariances)
     if not modes:
         return None, 0.0
@@ -67,19 +77,16 @@ def place(
 
 
 def _square_cameras(seen: Sequence[Observation], model: str, size: tuple[int, int]) -> list[tuple[float, FloatArray]]:
-    """Cameras with which lines are parallel or at right angles: costs, the least first, and states (7,)."""
+    """Cameras with which lines are parallel or at right angles: costs, the least first, and states (10,)."""
     from scipy.optimize import minimize
 
-    ends = np.concatenate([one.lines.pixels for one in seen])
+    ends = np.concatenate([np.zeros((0, 2, 2)), *(one.lines.pixels for one in seen)])
     image = np.repeat(np.arange(len(seen)), [len(one.lines) for one in seen])
     along = ends[:, 1] - ends[:, 0]
     length = np.hypot(*along.T)
     ends, along, image = (each[length > _MIN_LINE_PX] for each in (ends, along / length[:, np.newaxis], image))
     if len(ends) < MIN_LINES:
-        raise NoFitError(
-            f"{len(ends)} lines are seen in {len(seen)} images; at least {MIN_LINES} are needed, better twenty, from "
-            "places where the centre circle, a penalty area or a corner is in view"
-        )
+        return []
     aside = np.stack((along[:, 1], -along[:, 0]), axis=1)
     moved = np.stack((ends, ends, ends))
     moved[1, :, 0] += aside

@@ -41,19 +41,16 @@ class IntegratedGyro:
     def add(self, samples: Samples) -> None:
         """Append readings gx, gy, gz (rad/s). Rows without a usable gz, or not later than the newest, are dropped."""
         s, known = self.settings, self.integral.samples
+        last_ns, (angle_rad, last_rad_s) = (known.last_ns, known.last) if len(known) else (None, [0.0, 0.0])
         for stamp_ns, reading in zip(samples.stamp_ns.tolist(), samples.values[:, 2].tolist(), strict=True):
-            if not abs(reading) < MAX_VALUE or (len(known) and stamp_ns <= known.last_ns):
+            if not abs(reading) < MAX_VALUE or (last_ns is not None and stamp_ns <= last_ns):
                 self.dropped += 1
                 continue
+            duration_ns = 0 if last_ns is None else stamp_ns - last_ns
             rate_rad_s = s.scale * (reading - s.bias_rad_s)
-            if len(known) == 0:
-                self.integral.append(stamp_ns, [0.0, rate_rad_s], after_gap=False)
-                continue
-            duration_ns = stamp_ns - known.last_ns
-            angle_rad, last_rad_s = known.last
             angle_rad += 0.5 * (last_rad_s + rate_rad_s) * duration_ns / NANOSECONDS
-            after_gap = duration_ns > int(GAP_S * NANOSECONDS)
-            self.integral.append(stamp_ns, [angle_rad, rate_rad_s], after_gap)
+            self.integral.append(stamp_ns, [angle_rad, rate_rad_s], duration_ns > GAP_S * NANOSECONDS)
+            last_ns, last_rad_s = stamp_ns, rate_rad_s
 
     def rate_rad_s(self, start_ns: int, end_ns: int) -> float | None:
         """Mean of the turning rates read from one stamp to another, both included; None without one."""

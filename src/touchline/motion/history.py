@@ -75,7 +75,7 @@ class MotionHistory:
 
     def add(self, frame: Frame) -> None:
         """Take all samples of a frame. Raises ValueError, and takes none, if it is older than the newest frame."""
-        if not isinstance(frame, Frame) or not isinstance(frame.stamp_ns, int | np.integer):
+        if not isinstance(frame, Frame) or not isinstance(frame.stamp_ns, (int, np.integer)):
             raise InputError(f"a system steps a Frame with a whole number of nanoseconds, got {frame!r:.60}")
         newest_ns = self.clocks.frame_ns
         if newest_ns is not None and frame.stamp_ns < newest_ns:
@@ -86,7 +86,8 @@ class MotionHistory:
         self.clocks.frame_ns = frame.stamp_ns
         sensors = frame.odometry, frame.wheels, frame.gyro, frame.compass, frame.tilt
         for name, samples in zip(("odometry", "wheels", "gyro", "compass", "attitude"), sensors, strict=True):
-            self._take(name, samples)
+            if samples is not None:
+                self._take(name, samples)
         if newest_ns is not None:
             for sensor in self._sensors.values():
                 sensor.forget_before(newest_ns - _KEPT_NS)

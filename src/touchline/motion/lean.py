@@ -63,6 +63,8 @@ class LeanFilter:
         lean = self.lean(frame.stamp_ns - late_ns)
         tilt = None if lean is None else Samples(np.array([frame.stamp_ns]), np.array([lean]))
         camera = frame.base_from_camera
+        if tilt is frame.tilt and camera is None:  # neither is known
+            return frame
         if camera is not None:
             now, then = self.turned(frame.stamp_ns - late_ns), self.turned(frame.stamp_ns - round(LAG_S * NANOSECONDS))
             camera = Pose3.from_roll_pitch_yaw(now[0] - then[0], now[1] - then[1]).compose(camera)

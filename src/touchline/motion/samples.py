@@ -95,16 +95,16 @@ class SampleHistory:
         """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
         if samples is None:
             return
-        for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
-            row = values[: self._columns]
-            if not all(abs(value) < MAX_VALUE for value in row) or (
-                self._stamps_ns and stamp_ns <= self._stamps_ns[-1]
-            ):
+        newest_ns = self._stamps_ns[-1] if self._stamps_ns else -math.inf
+        rows = samples.values[:, : self._columns].tolist()
+        for stamp_ns, row in zip(samples.stamp_ns.tolist(), rows, strict=True):
+            if not (math.hypot(*row) < MAX_VALUE and stamp_ns > newest_ns):
                 self.dropped += 1
                 continue
             for column in self._angles:
                 last = self._rows[-1][column] if self._rows else 0.0
                 row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
+            newest_ns = stamp_ns
             self.append(stamp_ns, row)
 
     def append(self, stamp_ns: int, row: list[float]) -> None:
@@ -118,9 +118,10 @@ class SampleHistory:
 
     def forget_before(self, stamp_ns: int) -> None:
         """Forget what isn't needed to look up values from a stamp on."""
-        old = max(bisect_right(self._stamps_ns, stamp_ns) - 1, 0)
-        del self._stamps_ns[:old], self._rows[:old]
-        self._forgotten += old
+        old = bisect_right(self._stamps_ns, stamp_ns) - 1
+        if old > 0:
+            del self._stamps_ns[:old], self._rows[:old]
+            self._forgotten += old
 
     def clear(self) -> None:
         """Forget all samples."""

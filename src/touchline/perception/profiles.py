@@ -92,18 +92,17 @@ def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _flank(values, classes, first, step):  # type: ignore[no-untyped-def]
-    """Mean level and B, G, R of those of `FLANK_PX` samples from `first` on, walking by `step`, that are green.
+def _flank(values, classes, first, step, number):  # type: ignore[no-untyped-def]
+    """Mean level and B, G, R of those of `FLANK_PX` samples from `first` on, walking by `step`, that are green: number.
 
     A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
     """
-    number, level, darkest, brightest = 0, 0.0, np.inf, 0.0
+    level, darkest, brightest = 0.0, np.float32(np.inf), np.float32(0.0)
     blue = green = red = 0.0
     for m in range(FLANK_PX):
         k = first + step * m
-        if classes[k] != GREEN:
+        if number < FLANK_PX and classes[k] != GREEN:
             continue
-        number += 1
         level += values[LEVEL, k]
         total = values[0, k] + values[1, k] + values[2, k]
         darkest, brightest = min(darkest, total), max(brightest, total)
@@ -136,7 +135,7 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
         for n in range(count):
             number += classes[k + step * n] == GREEN
         if number * 4 >= count * 3:
-            level, blue, green, red = _flank(values, classes, k, step)
+            level, blue, green, red = _flank(values, classes, k, step, number)
             total, carpet = blue + green + red, limits.carpet  # in little light the noise makes single greys green
             if total < _DUSK * dim and np.hypot(blue / total - carpet.blue, red / total - carpet.red) > carpet.palest:
                 level = np.nan
@@ -209,7 +208,7 @@ def _halved(low, high):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _rises(levels, reach):  # type: ignore[no-untyped-def]
-    """For each block of samples how far its highest rises above what all its peaks have on one of their sides.
+    """For each block of samples what all its peaks have on one of their sides, and how far its highest rises above it.
 
     That is the higher of the lowest levels of `reach` samples on either side: what hardly rises never passes `_falls`.
     A last block that is not whole rises without end, and so may those beside it.
@@ -218,14 +217,15 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
     for _ in range(HALVINGS):
         lowest, highest = _halved(lowest, highest)
     whole, around = len(lowest), (reach + BLOCK - 1) // BLOCK
-    rises = np.empty(len(levels) // BLOCK + 1)
-    rises[:] = np.inf
+    rises, floors = np.empty(len(levels) // BLOCK + 1, np.float32), np.empty(len(levels) // BLOCK + 1, np.float32)
+    rises[:], floors[:] = np.inf, -np.inf
     for block in range(whole - around):
         before = after = lowest[block]
         for step in range(1, around + 1):
             before, after = min(before, lowest[max(block - step, 0)]), min(after, lowest[block + step])
-        rises[block] = highest[block] - max(before, after)
-    return rises
+        floors[block] = max(before, after)
+        rises[block] = highest[block] - floors[block]
+    return floors, rises
 
 
 @njit(cache=True, error_model="numpy")
@@ -397,7 +397,7 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
     levels, distances = values[LEVEL], _distances(limits.max_run_px)
-    rises, rise = _rises(levels, limits.max_run_px), 0.5 * limits.min_contrast
+    (floors, rises), rise = _rises(levels, limits.max_run_px), 0.5 * limits.min_contrast
     found = 0
     for p in range(len(starts) - 1):
         span = (starts[p], starts[p + 1])
@@ -407,12 +407,13 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
             if rises[k // BLOCK] < rise:  # nearly always
                 k = (k // BLOCK + 1) * BLOCK
                 continue
-            peak = k
-            k += 1
-            top = values[LEVEL, peak]
-            if top < values[LEVEL, peak - 1] or top < values[LEVEL, peak + 1] or classes[peak] == BODY:
+            base, end = floors[k // BLOCK], min((k // BLOCK + 1) * BLOCK, last)
+            while k < end and (levels[k] - base < rise or levels[k] < max(levels[k - 1], levels[k + 1])):
+                k += 1
+            if k == end:
                 continue
-            if not _falls(levels, peak, distances, rise, span):
+            peak, k = k, k + 1
+            if classes[peak] == BODY or not _falls(levels, peak, distances, rise, span):
                 continue
             height, floor = _edges(values, classes, peak, limits, span, means, edges)
             if height <= 0.0:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+from touchline.geometry import Pose
 from touchline.motion import FrameClock, FrameOrder
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import Estimate, Frame, Prior, Samples, Status, System
@@ -41,6 +42,7 @@ class OrderedSystem:
 
     def _begin(self, prior: Prior | None) -> None:
         self._prior = prior or Prior()
+        self._tracked: Pose | None = None  # the prior of a new start, once there is one
         self._clock = FrameClock()
         self._last: Estimate | None = None
         self._dropped: deque[Frame] = deque(maxlen=_MAX_DROPPED)
@@ -54,7 +56,7 @@ class OrderedSystem:
             self._dropped.append(replace(frame, image=None, observation=None))
             return self._last.unconfirmed("the image's stamp is older than that of the one before, or far ahead")
         if self.order is FrameOrder.CLOCK_SET_BACK:
-            self.system.reset(self._prior)
+            self.system.reset(self._prior if self._tracked is None else Prior(self._tracked))
         if self._dropped:
             frame = with_samples_of(self._dropped, frame)
             self._dropped.clear()
@@ -68,11 +70,11 @@ class OrderedSystem:
     def _remember(self, estimate: Estimate) -> None:
         """What a new start would begin with: the pose tracked last, or the given prior as long as none was."""
         if estimate.status is Status.TRACKING:
-            self._prior, self._untracked = Prior(estimate.pose), 0
-        elif self._prior.pose is not None:
+            self._tracked, self._untracked = estimate.pose, 0
+        elif self._tracked is not None or self._prior.pose is not None:
             self._untracked += 1
             if self._untracked > _POSE_KEPT:
-                self._prior = Prior()
+                self._prior, self._tracked = Prior(), None
 
 
 def with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:

@@ -267,8 +267,10 @@ class Touchline:
         """An undescribed camera that at first shows lines, crossings or landmarks, and no line points, or points within
         a sector alone, is a perspective one: the parts that depend on the camera are opened anew.
         """
+        if self._is_described or self.judged.images:
+            return
         features, points = len(seen.lines) + len(seen.crossings) + len(seen.landmarks), len(seen.points)
-        if self._is_described or self.judged.images or not (features or points >= self.settings.min_points):
+        if not (features or points >= self.settings.min_points):
             return
         bearings = np.arctan2(*seen.points.positions_m.T[::-1])
         if points and np.abs(wrap_angles(bearings - circular_mean(bearings))).max() > 0.5 * MAX_VIEW_RAD:

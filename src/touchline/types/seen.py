@@ -6,7 +6,7 @@ Everything is in the robot frame: x forward, y left, metres. Arrays are not copi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache
@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from touchline.errors import InputError
 from touchline.geometry import BoolArray, FloatArray
@@ -33,12 +34,13 @@ MAX_OBSERVED_POINTS = 10_000_000
 class _Seen:
     """What all things seen have in common: arrays with a row for each.
 
-    SHAPES: of each array behind its (N,), the one that says how many there are first. KINDS: which ones there are.
+    FIRST: the array that says how many there are. SHAPES: of each array behind its (N,). KINDS: which ones there are.
     """
 
     NAME: ClassVar[str]
+    FIRST: ClassVar[str] = "positions_m"
     SHAPES: ClassVar[Mapping[str, tuple[int, ...]]]
-    KINDS: ClassVar[Iterable[str]] = ()
+    KINDS: ClassVar[Mapping[str, Any]] = {}
 
     def __post_init__(self) -> None:
         count = len(self)
@@ -49,17 +51,17 @@ class _Seen:
         ]
         if wrong:
             raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
-        unknown = set(getattr(self, "kinds", np.zeros(0)).tolist()) - set(self.KINDS)
+        unknown = set(getattr(self, "kinds", _ALL).tolist()).difference(self.KINDS) if self.KINDS else ()
         if unknown:
             known = ", ".join(self.KINDS)
             raise ValueError(f"{self.NAME} are of the kinds {known}, not {', '.join(sorted(map(str, unknown)))}")
 
     def __len__(self) -> int:
-        return len(getattr(self, next(iter(self.SHAPES))))
+        return len(getattr(self, self.FIRST))
 
     def rows(self, kept: BoolArray) -> Self:
         """The rows of a mask (N,) alone; itself if that is all."""
-        if kept.all():
+        if kept is _ALL or kept.all():
             return self
         rows: dict[str, Any] = {}
         for each in fields(self):
@@ -70,6 +72,9 @@ class _Seen:
     @classmethod
     def joined(cls, tables: Sequence[Self]) -> Self:
         """All rows of all tables."""
+        tables = [table for table in tables if len(table)] or tables[:1]
+        if len(tables) == 1:
+            return tables[0]
         columns = ([getattr(table, each.name) for table in tables] for each in fields(cls))
         rows: list[Any] = [sum(c, ()) if isinstance(c[0], tuple) else np.concatenate(c) for c in columns]
         return cls(*rows)
@@ -110,9 +115,12 @@ class LinePoints(_Seen):
 def _measured(
     positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
 ) -> BoolArray:
-    """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
-    if _all_measured(positions_m, covariances_m2, confidences, max_range_m):
-        return np.ones(len(positions_m), dtype=np.bool_)
+    """Which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m; (N,), or
+    (1,) where plainly all are.
+    """
+    columns = [np.ascontiguousarray(each, dtype=np.float64) for each in (positions_m, covariances_m2, confidences)]
+    if _all_measured(columns[0], columns[1], columns[2], max_range_m):
+        return _ALL
     kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
     kept &= np.isfinite(confidences) & (confidences >= 0.0)
     kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)
@@ -122,18 +130,20 @@ def _measured(
     return np.asarray(kept)
 
 
-def _all_measured(
-    positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
-) -> bool:
+@njit(cache=True)
+def _all_measured(positions_m, covariances_m2, confidences, max_range_m):  # type: ignore[no-untyped-def]
     """Whether all places are measurements; quick, and False where that is not plain: far off."""
-    if len(positions_m) == 0:
-        return True
-    far_m = np.maximum.reduce(np.abs(positions_m), axis=None)
-    most_m2 = np.maximum.reduce(np.abs(covariances_m2), axis=None)
-    if not (far_m < math.inf and most_m2 < math.inf and np.maximum.reduce(confidences) < math.inf):
-        return False
-    least_m2 = min(np.minimum.reduce(covariances_m2[:, 0, 0]), np.minimum.reduce(covariances_m2[:, 1, 1]))
-    return bool(min(least_m2, np.minimum.reduce(confidences)) >= 0.0 and far_m <= max_range_m / 1.5)
+    for i in range(len(positions_m)):
+        far_m = abs(positions_m[i, 0]) + abs(positions_m[i, 1])
+        if not (far_m < math.inf and far_m <= max_range_m and 0.0 <= confidences[i] < math.inf):
+            return False
+        for a in range(2):
+            if not (0.0 <= covariances_m2[i, a, a] < math.inf and abs(covariances_m2[i, a, 1 - a]) < math.inf):
+                return False
+    return True
+
+
+_ALL = np.ones(1, dtype=np.bool_)
 
 
 def check_point_count(count: int) -> int:
@@ -165,16 +175,23 @@ def generic_covariances(positions_m: FloatArray) -> FloatArray:
 
     The same in all directions; standard deviation 1 cm and 2 % of the range, as of a usual camera's calibration.
     """
-    sigma_m = 0.01 + 0.02 * np.hypot(positions_m[:, 0], positions_m[:, 1])
-    covariances_m2 = np.zeros((len(positions_m), 2, 2))
-    covariances_m2[:, 0, 0] = covariances_m2[:, 1, 1] = sigma_m**2
+    covariances_m2: FloatArray = _generic(np.ascontiguousarray(positions_m, dtype=np.float64))[0]
     return covariances_m2
+
+
+@njit(cache=True)
+def _generic(positions_m):  # type: ignore[no-untyped-def]
+    """`generic_covariances` of positions (N, 2); confidences (N,) and pixels (N, 2) of which nothing is known."""
+    covariances_m2 = np.zeros((len(positions_m), 2, 2))
+    for i in range(len(positions_m)):
+        sigma_m = 0.01 + 0.02 * math.hypot(positions_m[i, 0], positions_m[i, 1])
+        covariances_m2[i, 0, 0] = covariances_m2[i, 1, 1] = sigma_m * sigma_m
+    return covariances_m2, np.ones(len(positions_m)), np.full(positions_m.shape, np.nan)
 
 
 def points_at(positions_m: FloatArray) -> LinePoints:
     """Line points of which only the positions (N, 2), robot frame, are known: sure, with `generic_covariances`."""
-    n = len(positions_m)
-    return LinePoints(positions_m, generic_covariances(positions_m), np.ones(n), np.full((n, 2), np.nan))
+    return LinePoints(positions_m, *_generic(np.ascontiguousarray(positions_m, dtype=np.float64)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -191,6 +208,7 @@ class Lines(_Seen):
     pixels: FloatArray
 
     NAME = "lines"
+    FIRST = "ends_m"
     SHAPES: ClassVar = {"ends_m": (2, 2), "covariances_m2": (2, 2, 2), "confidences": (), "pixels": (2, 2)}
 
     def usable(self, max_range_m: float = math.inf) -> Lines:
@@ -232,7 +250,7 @@ class Crossings(_Seen):
     pixels: FloatArray
 
     NAME = "crossings"
-    KINDS = CrossingKind
+    KINDS = dict.fromkeys(CrossingKind)
     SHAPES: ClassVar = {
         **{"positions_m": (2,), "kinds": (), "orientations_rad": ()},
         **{"covariances_m2": (2, 2), "confidences": (), "pixels": (2,)},
@@ -279,7 +297,7 @@ class Landmarks(_Seen):
     pixels: FloatArray
 
     NAME = "landmarks"
-    KINDS = LandmarkKind
+    KINDS = dict.fromkeys(LandmarkKind)
     SHAPES: ClassVar = {"positions_m": (2,), "kinds": (), "covariances_m2": (2, 2), "confidences": (), "pixels": (2,)}
 
     def __post_init__(self) -> None:

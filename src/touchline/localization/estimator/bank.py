@@ -25,7 +25,7 @@ from touchline.localization.registration.attitudes import fit_leaning
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
-from touchline.localization.registration.line_share import line_share
+from touchline.localization.registration.line_share import share_at
 from touchline.localization.registration.registration import SHAKEN, Registration
 from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
 from touchline.localization.search.pose_search import Mode
@@ -156,6 +156,8 @@ class Bank:
     @property
     def probabilities(self) -> list[float]:
         """Of the members, their twins on a symmetric field not counted."""
+        if len(self.members) == 1:
+            return [1.0]
         odds = [math.exp(one.log_odds - self.members[0].log_odds) for one in self.members]
         total = sum(odds)
         return [each / total for each in odds]
@@ -296,9 +298,8 @@ class Bank:
         if not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
-        upright = placed_points(seen.positions_m, one.filter.errors, image.response)
-        free = self.registration.fit(upright, seen.covariances_m2, predicted)
-        gain = float(seen.shares.sum()) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
+        free = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
+        gain = float(np.add.reduce(seen.shares)) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
         return Jump(free.pose - predicted if gain > 0.0 else step, distance2, gain)
 
     def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:
@@ -356,13 +357,12 @@ class Bank:
         seen, fit = image.seen, best.fit
         if fit is None or seen.crude or image.has_lines or len(seen.raw_m):
             return best.explained
-        upright = placed_points(seen.positions_m, fit.state[3:], image.response)
-        counted = line_share(upright, seen.covariances_m2, fit.state[:3], self.registration.table)
-        return max(best.explained, float(counted))
+        table = self.registration.table
+        return max(best.explained, share_at(seen.positions_m, seen.covariances_m2, fit.state, image.response, table))
 
     def _update_from_team(self, evidence: Sequence[Evidence]) -> None:
         """Weigh the members by the evidence of others, a pose and its twin alike; all who are unknown count as one."""
-        for one in self.members:
+        for one in self.members if evidence else ():
             ends = (one.filter.pose, one.filter.pose.mirrored())
             each = [(max(said.log_likelihood(end) for end in ends), said.known) for said in evidence]
             unknown = [gain for gain, known in each if not known]

@@ -9,7 +9,8 @@ has failed, unless it had agreed for a moment only; one that has failed does not
 """
 
 import math
-from typing import NamedTuple
+
+from numba import njit
 
 from touchline.geometry import wrap_angle
 from touchline.motion.compass import COMPASS_FALSE
@@ -118,19 +119,7 @@ class CompassFaultFilter:
         support = supports(error_rad)
         if support is None:
             return
-        elapsed_s = min(max(seconds, 0.0), MAX_S)
-        failing = elapsed_s / FAULT_EVERY_S
-        # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
-        before, since = (_passed(elapsed_s / mean_s, agrees=bool(support)) for mean_s in (FAULT_S, SEEN_FAULT_S))
-        right, wrong = (
-            (
-                works * (1.0 - failing) + before.ends * failed + since.ends * failed_since,
-                before.lasts * failed,
-                (works * failing + failed_since) * since.lasts,
-            )
-            for works, failed, failed_since in self.states
-        )
-        self.states = _bounded(_weighed((right, wrong), _LIKELY[support]))
+        self.states = _followed(self.states, min(max(seconds, 0.0), MAX_S), bool(support), _LIKELY[support])
 
     def doubt(self) -> None:
         """It has turned round in the image in which the pose jumped."""
@@ -142,16 +131,18 @@ class CompassFaultFilter:
         self.states = wrong, right
 
 
-class _Passed(NamedTuple):
-    """What becomes of a fault in a time: that it ends, or lasts and shows what it has shown."""
-
-    ends: float
-    lasts: float
-
-
-def _passed(share: float, agrees: bool) -> _Passed:
-    """In a share of its mean time."""
-    return _Passed(share, (1.0 - share) * (math.exp(-share) if agrees else 1.0))
+@njit(cache=True)
+def _followed(states, elapsed_s, agrees, likely):  # type: ignore[no-untyped-def]
+    """States after a time and a reading; agrees: with an end, which a failed compass does by chance, as long as the
+    robot does not turn; likely: the reading in each state.
+    """
+    ends, ends_since, failing = elapsed_s / FAULT_S, elapsed_s / SEEN_FAULT_S, elapsed_s / FAULT_EVERY_S
+    lasts = (1.0 - ends) * (math.exp(-ends) if agrees else 1.0)  # and shows what it has shown
+    lasts_since = (1.0 - ends_since) * (math.exp(-ends_since) if agrees else 1.0)
+    (a, b, c), (d, e, f) = states
+    right = a * (1.0 - failing) + ends * b + ends_since * c, lasts * b, (a * failing + c) * lasts_since
+    wrong = d * (1.0 - failing) + ends * e + ends_since * f, lasts * e, (d * failing + f) * lasts_since
+    return _bounded(_weighed((right, wrong), likely))
 
 
 def _both_ends(failed: float, since: float) -> CompassStates:
@@ -160,6 +151,7 @@ def _both_ends(failed: float, since: float) -> CompassStates:
     return each, each
 
 
+@njit(cache=True)
 def _weighed(states: CompassStates, likely: CompassStates) -> CompassStates:
     """Each state times how likely it is."""
     (a, b, c), (d, e, f) = states
@@ -167,12 +159,13 @@ def _weighed(states: CompassStates, likely: CompassStates) -> CompassStates:
     return (a * g, b * h, c * i), (d * k, e * m, f * n)
 
 
+@njit(cache=True)
 def _bounded(states: CompassStates) -> CompassStates:
     """States that sum to one, with log-odds of MAX_LOG_ODDS between the ends at most: nothing is certain for ever."""
-    ends = [sum(end) for end in states]
-    least, total = math.exp(-MAX_LOG_ODDS) * max(ends), sum(ends)
-    right, wrong = (max(end, least) / (end * total) for end in ends)
     (a, b, c), (d, e, f) = states
+    for_end, against = a + b + c, d + e + f
+    least, total = math.exp(-MAX_LOG_ODDS) * max(for_end, against), for_end + against
+    right, wrong = max(for_end, least) / (for_end * total), max(against, least) / (against * total)
     return (a * right, b * right, c * right), (d * wrong, e * wrong, f * wrong)
 
 

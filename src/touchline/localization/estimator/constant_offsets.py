@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, IntArray, Pose, wrap_angle
 from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting, difference
@@ -72,12 +72,13 @@ def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_change):  # type: ignore[no-untyped-def]
-    """Take (in place) a pose (3,) by an image and its covariance (3, 3); where the robot was when it was taken, by its
-    mean delay, (3,), by how much its way bends there (3,) and its velocity then (3,), robot frame at the stamp. prior
-    (4,): standard deviations, of those that have grown anew. By how much the variances of the heading and of the turn
-    have; negative if the image lies elsewhere, may_change is not set, and nothing was taken.
+def corrected(state, joint, prior, seen, way, stamp_ns, may_change):  # type: ignore[no-untyped-def]
+    """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
+    samples. prior (4,): standard deviations, of those that have grown anew. Returns the velocity (3,) of `taken`, and
+    by how much the variances of the heading and of the turn have grown; negative if the image lies elsewhere,
+    may_change is not set, and nothing was taken.
     """
+    (seen, covariance), (since, bend, velocity) = seen, taken(way, stamp_ns, state[LATE], joint[LATE, LATE])
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     vx, vy = cosine * velocity[0] - sine * velocity[1], sine * velocity[0] + cosine * velocity[1]
     c, s = math.cos(state[2] + since[2]), math.sin(state[2] + since[2])
@@ -97,9 +98,9 @@ def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_
     weight = inverse(plus(times(by, crossed), spread, 1.0))
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
-            return np.full(2, -1.0)
+            return velocity, np.full(2, -1.0)
         if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
-            return more[2:4]
+            return velocity, more[2:4]
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
@@ -120,16 +121,17 @@ def corrected(state, joint, prior, seen, covariance, since, bend, velocity, may_
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
-    return more[2:4]
+    return velocity, more[2:4]
 
 
 @njit(cache=True, error_model="numpy")
-def taken(times, table, stamp_ns, late_s, late2):  # type: ignore[no-untyped-def]
+def taken(way, stamp_ns, late_s, late2):  # type: ignore[no-untyped-def]
     """Where the robot was when an image was taken, by the mean delay, from where it was at the stamp (3,), and by how
     much its way bends there (3,); its velocity (3,) is the mean over the times at which that may have been.
 
-    times, table: of the odometry's samples; late2: variance of the delay.
+    way: times and table of the odometry's samples; late2: variance of the delay.
     """
+    times, table = way
     spread_s = min(max(math.sqrt(max(late2, 0.0)), MIN_SPREAD_S), MAX_SPREAD_S)
     mean_s = min(max(late_s, -MAX_LATE_S), MAX_LATE_S)
     here, at = odometry_pose(times, table, stamp_ns), np.empty((3, 3))
@@ -171,7 +173,7 @@ def exceeded_moving(errors, speed, rate):  # type: ignore[no-untyped-def]
     return exceeded_by(of_position), exceeded_by(of_heading)
 
 
-_Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]  # by an image, as `corrected` takes it
+_Seen = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int]  # of an image, as `corrected` takes it
 
 
 class _Belief(NamedTuple):
@@ -250,25 +252,24 @@ class ConstantOffsets:
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
         self._given = False
-        late_s, late2 = float(self._state[LATE]), float(self._joint[LATE, LATE])
-        since, bend, self._velocity = taken(*history.odometry.samples.arrays, sighting.stamp_ns, late_s, late2)
-        seen = (sighting.pose, sighting.covariance, since, bend, self._velocity)
-        fits = (one for one in others if corrected(one.state, one.joint, one.prior, *seen, False)[1] >= 0.0)
-        without = next(fits, None)
-        if without is not None:
-            self._state, self._joint, self._prior, self._camera_moved = without
+        seen = ((sighting.pose, sighting.covariance), history.odometry.samples.arrays, sighting.stamp_ns)
+        for one in others:
+            self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
+            if more2[1] >= 0.0:
+                self._state, self._joint, self._prior, self._camera_moved = one
+                break
         else:
             self._correct(sighting, seen)
         self._images += 1
         self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
 
-    def _correct(self, sighting: Sighting, seen: _Pose) -> None:
+    def _correct(self, sighting: Sighting, seen: _Seen) -> None:
         """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
         believed without it is kept: the next image decides.
         """
         before = _Belief(self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera_moved)
-        more2 = corrected(self._state, self._joint, self._prior, *seen, True)
+        self._velocity, more2 = corrected(self._state, self._joint, self._prior, *seen, True)
         self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
         if not more2.any():
             return
@@ -315,7 +316,7 @@ class ConstantOffsets:
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
-        turn, late_s = exceeded_by(self._errors[:1]), max(exceeded_by(self._errors[2:]), self._lag_s) + self._clock_s
+        turn, late_s = self._turn, max(self._late, self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
         if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
@@ -324,7 +325,8 @@ class ConstantOffsets:
 
     @property
     def _speed(self) -> float:
-        return max(math.hypot(*self._velocity[:2].tolist()), math.hypot(*self._newest[:2].tolist()))
+        (x, y, _), (newest_x, newest_y, _) = self._velocity.tolist(), self._newest.tolist()
+        return max(math.hypot(x, y), math.hypot(newest_x, newest_y))
 
     @property
     def bound(self) -> tuple[float, float]:
@@ -344,16 +346,17 @@ class ConstantOffsets:
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
         turned = CAMERA_MOVED if self._camera_moved else TURNED_ROBOTS
         shares = turned, DISPLACED_ROBOTS, CLOCK_SET if self._clock_set else LATE_ROBOTS
-        self._errors = single_errors(self._state[3:], self._joint[3:, 3:], self._prior, shares)
+        self._errors, self._turn, self._late = single_errors(self._state, self._joint, self._prior, shares)
 
 
 @njit(cache=True, error_model="numpy")
-def single_errors(offsets, spread, prior, shares):  # type: ignore[no-untyped-def]
+def single_errors(state, joint, prior, shares):  # type: ignore[no-untyped-def]
     """(3, 3) of a turn, a displacement and a delay, as if there were none of the others: its probability, the size of
-    its mean, its largest standard deviation. offsets (4,) and their covariance (4, 4); prior (4,): standard deviations
-    before; shares (3,): of the robots that have each.
+    its mean, its largest standard deviation; and what the turn and the delay exceed (`exceeded_by`). offsets (4,) and
+    their covariance (4, 4), behind a pose's; prior (4,): standard deviations before; shares (3,): of the robots that
+    have each.
     """
-    information = inverse(spread)
+    offsets, information = state[3:], inverse(joint[3:, 3:])
     shown, found, rest = applied(information, offsets), np.empty((3, 3)), 0.0
     for k in range(3):
         a, b = ((0, 0), (1, 2), (3, 3))[k]
@@ -371,4 +374,4 @@ def single_errors(offsets, spread, prior, shares):  # type: ignore[no-untyped-de
     total = max(1.0 - rest, 0.0) + (found[0, 0] + found[1, 0] + found[2, 0])
     for k in range(3):
         found[k, 0] /= total
-    return found
+    return found, exceeded_by(found[:1]), exceeded_by(found[2:])

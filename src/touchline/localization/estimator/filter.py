@@ -8,6 +8,7 @@ lines don't (consider states: Schmidt 1966).
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,7 @@ class Filter:
         self._learned[_ERRORS:] = initial.learned
         self._measured = np.array([0, 1, 2, *range(_ERRORS, count)])  # the states that a fit measures
         self._motion_noise = np.zeros((3, 3))  # that the motion since the last image has added
+        self._mean: tuple[Pose, FloatArray, FloatArray] = pose, self.errors, np.zeros(0)  # made last, and of what
 
     @property
     def covariance(self) -> FloatArray:
@@ -98,7 +100,7 @@ class Filter:
     def odometry(self) -> OdometryScales:
         """What it has learned of the odometry."""
         ahead, aside, turn = self.scales.tolist()
-        deviations = [math.sqrt(variance) for variance in np.diagonal(self._joint)[3:6].tolist()]
+        deviations = [math.sqrt(variance) for variance in self._joint.diagonal()[3:6].tolist()]
         return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
 
     @property
@@ -108,11 +110,9 @@ class Filter:
 
     def placed(self, pose: Pose, covariance: FloatArray) -> Filter:
         """A filter that starts at another pose and keeps scales, delay and errors."""
-        other = Filter(pose, covariance, self.initial)
-        other.scales, other.yaw_rate_rad_s = self.scales.copy(), self.yaw_rate_rad_s
-        other.delay_s, other.errors = self.delay_s, self.errors.copy()
-        other._joint[3:, 3:] = self._joint[3:, 3:]
-        other._drift2 = self._drift2
+        other = self._copy(pose)
+        other._joint[:3], other._joint[:, :3], other._joint[:3, :3] = 0.0, 0.0, covariance
+        other._motion_noise = np.zeros((3, 3))
         return other
 
     def recall(self, errors: FloatArray, covariance: FloatArray) -> None:
@@ -143,11 +143,13 @@ class Filter:
         self.delay_s = delay_s
         self._joint[_DELAY, :] = self._joint[:, _DELAY] = 0.0
         self._joint[_DELAY, _DELAY] = deviation_s**2
-        self._drift2 = np.where(np.arange(len(self._joint)) == _DELAY, 0.0, self._drift2)
+        if self._drift2[_DELAY]:
+            self._drift2 = self._drift2.copy()  # that of others, too
+            self._drift2[_DELAY] = 0.0
 
     def _copy(self, pose: Pose) -> Filter:
-        other = self.placed(pose, self.covariance)
-        other._joint, other._motion_noise = self._joint.copy(), self._motion_noise
+        other = copy(self)
+        other.pose, other._joint = pose, self._joint.copy()
         return other
 
     def predict(self, moved: Delayed, seconds: float, noise: FloatArray | None = None) -> None:
@@ -211,10 +213,15 @@ class Filter:
         (3,) that it was expected to have; field frame.
         """
         squares = step_squares(self._joint, self._measured, per_image, *self._evidence(fit), self._motion_noise)
-        return squares, np.diag(self._motion_noise)
+        return squares, self._motion_noise.diagonal()
 
     def _expected(self) -> FloatArray:
-        return np.array([*self.pose, *self.errors.tolist()])
+        """Pose and errors (S,), read-only: made once for all that an image asks."""
+        pose, errors, mean = self._mean
+        if pose is not self.pose or errors is not self.errors or not len(mean):
+            mean = np.array([*self.pose, *self.errors.tolist()])
+            self._mean = self.pose, self.errors, mean
+        return mean
 
     def _evidence(self, fit: StateFit) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Information, gradient and the residual from what is expected to a fit."""

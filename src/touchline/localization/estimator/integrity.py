@@ -139,6 +139,7 @@ class Integrity:
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
         self._contradicted = False  # whether the first images did the pose that was given
         self.statistics: dict[str, float] = {}
+        self._worst = 0.0  # of those that distrust something
         self._shares: list[float] = []
         self._shares_of_points: list[float] = []  # which is what chance explains, too
         self._since_jump = SHARE_MEMORY  # images
@@ -183,7 +184,7 @@ class Integrity:
     def is_settled(self) -> bool:
         """Whether all has been well for some images: a pose to come back to."""
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
-        return seen and _largest(self.statistics) < SETTLED
+        return seen and self._worst < SETTLED
 
     def report_camera(self) -> str | None:
         """That the errors which were learned are more than camera.yaml states; at first, and now and then. Once an
@@ -305,7 +306,7 @@ class Integrity:
         self._take_coverage(stamp_ns, image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
-        variances = np.diagonal(best.filter.initial.errors).tolist()
+        variances = best.filter.initial.errors.diagonal().tolist()
         errors = zip(best.filter.errors.tolist(), variances, strict=True)  # plain floats: NumPy takes longer for five
         self._error_z = max((abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors), default=0.0)
         (x, y, _), (reach_x, reach_y) = best.filter.pose, self._reach_m
@@ -402,7 +403,8 @@ class Integrity:
         turns = _GOLDEN * np.arange(len(upright))
         cosine, sine = np.cos(turns), np.sin(turns)
         x, y = upright.T
-        scattered = np.column_stack((cosine * x - sine * y, sine * x + cosine * y))
+        scattered = np.empty_like(upright)
+        scattered[:, 0], scattered[:, 1] = cosine * x - sine * y, sine * x + cosine * y
         fit = self._registration.fit(scattered, image.seen.covariances_m2, best.fit.state[:3].copy(), _NO_STEPS)
         self._chance += 0.3 * (min(fit.explained, 0.9) - self._chance)
 
@@ -465,7 +467,8 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         statistics = self.statistics = self._measured()
-        if _largest(statistics) >= 1.0:
+        self._worst = max(_but(statistics, CAMERA).values())
+        if self._worst >= 1.0:
             self._raise(statistics)
         elif self.verdict.reason and self.relation.agrees:
             self.verdict = ALL_WELL
@@ -489,11 +492,6 @@ class Integrity:
             return "the pose lies outside of the carpet"
         off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
         return f"{off}: clutter, another field, or camera.yaml"
-
-
-def _largest(statistics: dict[str, float]) -> float:
-    """Of the statistics that distrust something."""
-    return max(value for name, value in statistics.items() if name != CAMERA)
 
 
 def _unseen_rad(turn: float, by_gyro: float) -> float:

@@ -217,10 +217,23 @@ def _compared(last, last_covariance, pose, covariance, driven):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy")
-def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped-def]
+def _driven(stamps, rows, begin_ns, end_ns):  # type: ignore[no-untyped-def]
+    """(3,) the step by samples of odometry, stamps (N,), rows (N, 3), robot frame before it; none beyond their ends."""
+    begin, end = np.empty(3), np.empty(3)
+    interpolate(stamps, rows, begin_ns, begin)
+    interpolate(stamps, rows, end_ns, end)
+    return step_to(begin, end)
+
+
+@njit(cache=True, error_model="numpy")
+def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-untyped-def]
     """Add a step behind all others, in place; the first is forgotten. ends: poses (3,) and covariances (3, 3) by the
-    images at its ends; delayed (3,): driven if images are as late as is corrected. Its costs as driven and as delayed.
+    images at its ends; way: stamps and rows of the odometry's samples; late_ns: by which images are corrected. Its
+    costs as driven between its stamps, and as that much earlier.
     """
+    driven = delayed = _driven(way[0], way[1], span_ns[0], span_ns[1])
+    if late_ns:
+        delayed = _driven(way[0], way[1], span_ns[0] - late_ns, span_ns[1] - late_ns)
     last = steps.costs.shape[0] - 1
     for i in range(last):
         copy_row(steps.seen[i + 1], steps.seen[i])
@@ -249,15 +262,6 @@ def _push(steps, signs, ends, driven, delayed, gyro):  # type: ignore[no-untyped
         if step[0] == step[0] and step[2] == step[2]:
             steps.gains[last, e] = steps.costs[last] - _cost(steps.seen, step, steps.weights, last)
     return raw, late
-
-
-@njit(cache=True, error_model="numpy")
-def _driven(stamps, rows, begin_ns, end_ns):  # type: ignore[no-untyped-def]
-    """(3,) the step by samples of odometry, stamps (N,), rows (N, 3), robot frame before it; none beyond their ends."""
-    begin, end = np.empty(3), np.empty(3)
-    interpolate(stamps, rows, begin_ns, begin)
-    interpolate(stamps, rows, end_ns, end)
-    return step_to(begin, end)
 
 
 @njit(cache=True, error_model="numpy")
@@ -334,7 +338,7 @@ class MotionRelation:
     @property
     def turns(self) -> bool:
         """Whether the robot has turned of late."""
-        return float(np.abs(self._steps.driven[-AGREEING:, 2]).sum()) > TELLING_RAD
+        return float(np.add.reduce(np.abs(self._steps.driven[-AGREEING:, 2]))) > TELLING_RAD
 
     @property
     def confirms(self) -> bool:
@@ -398,11 +402,9 @@ class MotionRelation:
 
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
         span_ns, odometry = (last.stamp_ns, sighting.stamp_ns), history.odometry.samples.arrays
-        late_ns = round(1e9 * late_s)
-        driven, gyro = _driven(*odometry, *span_ns), gyro_turn(history, *span_ns)
-        delayed = _driven(*odometry, span_ns[0] - late_ns, span_ns[1] - late_ns) if late_s else driven
+        late_ns, gyro = round(1e9 * late_s), gyro_turn(history, *span_ns)
         ends = _ends(last, sighting, history, steps)
-        raw, late = _push(self._every, _MULTIPLIERS, ends, driven, delayed, gyro)
+        raw, late = _push(self._every, _MULTIPLIERS, ends, odometry, span_ns, late_ns, gyro)
         cost = min(raw, late)
         if late_s:
             self._delay_loss = max(self._delay_loss + late - raw, 0.0)
@@ -432,7 +434,7 @@ class MotionRelation:
         """Try every explanation, if there is anything to explain."""
         self.gain = 0.0
         self._history = history
-        total = float(self._every.costs.sum())
+        total = float(np.add.reduce(self._every.costs))
         self.mean = total / max(len(self._spans_ns), WINDOW // 2)
         if total < WORTH:
             return

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from touchline.field import FieldModel
 from touchline.localization.estimator.bank import Bank, Member
 from touchline.localization.estimator.believed import Believed
@@ -15,7 +13,7 @@ from touchline.motion.delayed import Delayed
 from touchline.types import Frame, Prior
 
 # of a prediction (m, m, rad) from which registration may take other lines for those seen: seconds unseen, no odometry
-LOST_VARIANCES = np.square([0.6, 0.6, 1.0])
+LOST_M2, LOST_RAD2 = 0.36, 1.0
 OPEN_LOG_ODDS = 1.0  # of an end that is likelier and open
 OUTSIDE_M = 1.0  # by so much the area where a robot may stand is longer and wider than the field
 
@@ -61,7 +59,8 @@ class Relocation:
         """Whether the pose that was followed is predicted too widely for images to be registered from it."""
         if self.whereabouts is not None or not bank.confirmed or bank.best is None:
             return False
-        return bool((np.diag(bank.best.filter.covariance) > LOST_VARIANCES).any())
+        (x, _, _), (_, y, _), (_, _, heading) = bank.best.filter.covariance.tolist()
+        return bool(max(x, y) > LOST_M2 or heading > LOST_RAD2)
 
     def lie(self, seconds: float) -> None:
         """It lies for so long, and may be moved."""

@@ -30,7 +30,7 @@ class StepNoise:
 
     def reset(self) -> None:
         """Nothing has been learned."""
-        self.factors = np.ones(2)
+        self.factors = 1.0, 1.0
 
     def of(self, motion: Motion) -> FloatArray:
         """(3, 3) of a motion, (m, m, rad), robot frame before it."""
@@ -39,16 +39,25 @@ class StepNoise:
         move, travel_m = motion.pose, math.hypot(motion.pose.x, motion.pose.y)
         slip2 = (SLIP_RATIO * travel_m) ** 2 + REST_M**2
         turn2 = (TURN_SLIP_RATIO * move.heading) ** 2 + (BEND_RAD_M * travel_m) ** 2 + REST_RAD**2
-        scale = np.sqrt(self.factors[[0, 0, 1]]) if motion.missing_s == 0.0 else np.ones(3)
-        return (motion.covariance + np.diag([slip2, slip2, turn2])) * np.outer(scale, scale)
+        a, b = map(math.sqrt, self.factors) if motion.missing_s == 0.0 else (1.0, 1.0)
+        (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = motion.covariance.tolist()
+        return np.array([
+            [(xx + slip2) * (a * a), xy * (a * a), xt * (a * b)],
+            [yx * (a * a), (yy + slip2) * (a * a), yt * (a * b)],
+            [tx * (b * a), ty * (b * a), (tt + turn2) * (b * b)],
+        ])  # fmt: skip
 
     def learn(self, one: Filter, fit: StateFit, per_image: FloatArray) -> None:
         """Learn from an image the noise of the motion before it, by the hypothesis that it is about to correct."""
         if not self.walks:
             return
-        squares, expected = one.motion_error(fit, per_image)
-        if expected[2] == 0.0:
+        (x2, y2, turn2), (x, y, turn) = (each.tolist() for each in one.motion_error(fit, per_image))
+        if turn == 0.0:
             return
-        ratios = np.array([(squares[0] + squares[1]) / (expected[0] + expected[1]), squares[2] / expected[2]])
-        self.factors = np.clip(self.factors * (1.0 + GAIN * (np.minimum(ratios, MAX_RATIO) - 1.0)),
-                               MIN_FACTOR, MAX_FACTOR)  # fmt: skip
+        place, heading = self.factors
+        self.factors = _learned(place, (x2 + y2) / (x + y)), _learned(heading, turn2 / turn)
+
+
+def _learned(factor: float, ratio: float) -> float:
+    """A factor after an image whose squared error is so many times what was expected."""
+    return min(max(factor * (1.0 + GAIN * (min(ratio, MAX_RATIO) - 1.0)), MIN_FACTOR), MAX_FACTOR)

@@ -39,7 +39,9 @@ class SwayDelay:
         lean_rad (2,): lean of the camera by the lines, without its mounting error, less that by the IMU lag_s before
         the stamp. leaning: the lean by the IMU.
         """
-        turned = leaning.turned_all(stamp_ns - np.append(_LAGS_NS, round(1e9 * lag_s)))
+        taken_ns = np.full(len(_LAGS_NS) + 1, stamp_ns - round(1e9 * lag_s))
+        taken_ns[:-1] = stamp_ns - _LAGS_NS
+        turned = leaning.turned_all(taken_ns)
         best = _add(self._squares, lean_rad, turned)
         if best < 0:
             return self.delay_s, self.deviation_s

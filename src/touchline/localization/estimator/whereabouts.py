@@ -163,7 +163,9 @@ class Posture:
 
     def update(self, stamp_ns: int, attitude: FloatArray | None) -> None:
         """Take the roll and pitch (N, 2), rad, since the last image; None: not measured, as if it stood."""
-        lean = 0.0 if attitude is None or not len(attitude) else float(np.abs(attitude[:, :2]).max())
+        lean = 0.0
+        if attitude is not None and len(attitude):
+            lean = float(np.maximum.reduce(np.abs(attitude[:, :2]), axis=None))
         self.fell = not self.lies and LYING_RAD < lean < math.pi
         if lean > (UPRIGHT_RAD if self.lies else LYING_RAD):
             self.lies, self._upright_since_ns = self.lies or self.fell, None

@@ -168,7 +168,7 @@ def principal_information(
 
 def widest_m(covariance: FloatArray) -> float:
     """Standard deviation (m) of the position along its least known direction, of a covariance (3, 3) in (m, m, rad)."""
-    (a, b), (_, d) = covariance[:2, :2].tolist()
+    (a, b, _), (_, d, _), _ = covariance.tolist()
     return math.sqrt(0.5 * (a + d) + math.hypot(0.5 * (a - d), b))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from touchline.field.offset_map import CHUNK, Lookup, look_up_offsets, lookup_of
 from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.base import placed_points
 from touchline.matrices import copy_row, uncounted
 
 _DAMPING = 1.0  # 1/m²: a step along what no line observes; a single point at 0.1 m weighs a hundred times as much
@@ -199,6 +200,12 @@ def register(points, covariances, table, start, plan):  # type: ignore[no-untype
     pose, seen = start.copy(), points_of(points, covariances, table, np.empty(_ROOM))
     _descend(seen, pose, plan)
     return _judged(seen, pose, plan)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def register_placed(points, covariances, errors, response, table, start, plan):  # type: ignore[no-untyped-def]
+    """`register` of points as they were seen by a camera with errors (K,)."""
+    return register(placed_points(points, errors, response), covariances, table, start, plan)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -18,6 +18,7 @@ from touchline.matrices import uncounted
 
 CELL_M, PER_CELL = 0.12, 3  # points of a square are one, their mean, where there are more of them
 NEAR_M, NEARBY = 0.3, 8.0  # so many points so near count, however many there are
+WRAP = 64  # cells of that size, after which the table of them begins anew: what is so far off is no neighbour
 MIN_NEIGHBOURS = 4  # fewer don't show a line
 STRIP_M, STRIP_SIGMAS = 0.04, 0.5  # half the width of a stretch of line, and its share of the points' deviation
 STRIP_RATIO, MAX_REACH_M = 4.0, 0.6  # half its length to half its width
@@ -128,18 +129,18 @@ def _strip(xs, ys, half_m):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
-    """Append the neighbours of point i, in cell row, to the lists; the new end."""
-    cells, first, after, found, end = lists
-    rings = math.ceil(reach_m / NEAR_M)
-    for gx in range(cells[row, 0] - rings, cells[row, 0] + rings + 1):
-        for gy in range(cells[row, 1] - rings, cells[row, 1] + rings + 1):
-            j = first[slot(cells, gx, gy)]
+def _neighbours(points, i, lists, reach_m):  # type: ignore[no-untyped-def]
+    """Append the neighbours of point i to the lists; the new end."""
+    first, after, found, end = lists
+    x, y, far_m = points[i, 0], points[i, 1], reach_m + 1e-9
+    low_y, high_y = math.floor((y - far_m) / NEAR_M), math.floor((y + far_m) / NEAR_M)
+    for gx in range(math.floor((x - far_m) / NEAR_M), math.floor((x + far_m) / NEAR_M) + 1):
+        for gy in range(low_y, high_y + 1):
+            j = first[gx % WRAP, gy % WRAP]
             while j >= 0:
-                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-                if dx * dx + dy * dy < reach_m * reach_m and j != i:
-                    found[end] = j
-                    end += 1
+                dx, dy = points[j, 0] - x, points[j, 1] - y
+                found[end] = j  # kept or not: no processor predicts which
+                end += (dx * dx + dy * dy < reach_m * reach_m) & (j != i)
                 j = after[j]
     return end
 
@@ -147,23 +148,22 @@ def _neighbours(points, i, row, lists, reach_m):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def _judged(points, covariances, weights):  # type: ignore[no-untyped-def]
     """(N,) factors of the weights by neighbours: for density, and for how alike a line it is; (N,) which are radial."""
-    cells, slots = cells_of(points, NEAR_M)
     n, points = points.shape[0], uncounted(points)
-    first, after = np.full(cells.shape[0], -1), np.empty(n, dtype=np.int64)
+    first, after = np.full((WRAP, WRAP), -1, dtype=np.int32), np.empty(n, dtype=np.int32)
     density, ratios, radial = np.ones(n), np.full(n, -1.0), np.zeros(n, dtype=np.bool_)
     xs, ys = np.empty(n), np.empty(n)
     found, ends = np.empty(16 * n + 64, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
     for i in range(n):
-        after[i] = first[slots[i]]
-        first[slots[i]] = i
+        gx, gy = math.floor(points[i, 0] / NEAR_M) % WRAP, math.floor(points[i, 1] / NEAR_M) % WRAP
+        after[i], first[gx, gy] = first[gx, gy], i
     for i in range(n):
         x, y = points[i, 0], points[i, 1]
         half_m = STRIP_M + STRIP_SIGMAS * math.sqrt(0.5 * (covariances[i, 0, 0] + covariances[i, 1, 1]))
         half_m = min(half_m, MAX_REACH_M / STRIP_RATIO)
         if found.shape[0] < ends[i] + n:
             found = np.concatenate((found, np.empty(found.shape[0] + n, dtype=np.int64)))
-        lists, reach_m = uncounted((cells, first, after, found, ends[i])), max(NEAR_M, STRIP_RATIO * half_m)
-        ends[i + 1] = _neighbours(points, i, slots[i], lists, reach_m)
+        lists, reach_m = uncounted((first, after, found, ends[i])), max(NEAR_M, STRIP_RATIO * half_m)
+        ends[i + 1] = _neighbours(points, i, lists, reach_m)
         nearby, k = weights[i], ends[i + 1] - ends[i]
         for m in range(k):
             j = found[ends[i] + m]

@@ -11,6 +11,7 @@ import math
 import numba
 import numpy as np
 
+from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.registration.line_likeness import CELL_M, cells_of
 
 SIGMAS2, FLOOR2_M2 = 9.0, 0.02**2  # within which a point is on a line
@@ -64,6 +65,12 @@ def line_share(points_m, covariances_m2, pose, lines):  # type: ignore[no-untype
             n += 1
     counted, skew = _counted(off[:n])
     return right / max(right + counted + (THING if right >= skew else LINE) * skew, 1.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def share_at(points_m, covariances_m2, state, response, lines):  # type: ignore[no-untyped-def]
+    """`line_share` of points as they were seen, at a state: a pose and errors of the camera."""
+    return line_share(placed_points(points_m, state[3:], response), covariances_m2, state[:3], lines)
 
 
 @numba.njit(cache=True, error_model="numpy")

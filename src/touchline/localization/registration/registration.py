@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import Response
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
 from touchline.localization.registration.joint import Ground, Seen, StateFit, StatePrior, fit_state
-from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all
+from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all, register_placed
 
 # at four standard deviations a point has a quarter of its weight left: 1.11 of the bound on point sets for tuning, at
 # three and at six 1.14 (benchmarks/registration_constants.py)
@@ -80,6 +80,10 @@ class Registration:
     def fit(self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, plan: Plan = TRACKING) -> Fit:
         """As `register`, for those who do not ask for the covariance."""
         return register(positions_m, covariances_m2, self.table, start, plan)
+
+    def fit_placed(self, seen: Seen, errors: FloatArray, response: Response, start: FloatArray) -> Fit:
+        """`fit` of what an image shows, by its line points without errors (K,) of the camera."""
+        return register_placed(seen.positions_m, seen.covariances_m2, errors, response, self.table, start, TRACKING)
 
     def register_all(self, positions_m: FloatArray, covariances_m2: FloatArray, starts: FloatArray, plan: Plan) -> Fits:
         """What a plan's steps come to from each of starts (K, 3)."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.matrices import copy_row
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
@@ -88,14 +88,24 @@ def _without_faint(found: FoundLines) -> FoundLines:
     """The lines whose paint is about as strong as that of the strongest one."""
     if not len(found.points):
         return found
-    numbers = found.points[:, 2].astype(np.int64)
-    paint = np.bincount(numbers, found.points[:, 3] * found.points[:, 4]) / np.bincount(numbers)
-    kept = paint >= _MIN_PAINT * min(1.0, float(paint.max()))
+    kept = _are_strong(found.points)
     if kept.all():
         return found
-    points = found.points[kept[numbers]]
+    points = found.points[kept[found.points[:, 2].astype(np.int64)]]
     points[:, 2] = (np.cumsum(kept) - 1)[points[:, 2].astype(np.int64)]
     return FoundLines(found.planes[kept], found.confidences[kept], points)
+
+
+@njit(cache=True, error_model="numpy")
+def _are_strong(points: FloatArray) -> BoolArray:
+    """(L,) of lines by their points, which follow one another."""
+    paint = np.zeros(int(points[-1, 2]) + 1)
+    count = np.zeros_like(paint)
+    for point in points:
+        paint[int(point[2])] += point[3] * point[4]
+        count[int(point[2])] += 1.0
+    paint /= count
+    return paint >= _MIN_PAINT * min(1.0, paint.max())
 
 
 def lines_on_ground(found: FoundLines, plane: ImagePlane, settings: LineGraphSettings) -> tuple[Lines, LinePoints]:

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import ByteArray, FloatArray, IntArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.skeleton import NO_SKELETON
 from touchline.perception.line_graph.sorting import order_of
 
@@ -44,14 +45,14 @@ def line_graph(smooth: FloatArray, ranks: ByteArray, bridge: bool = True) -> Gra
     """
     graph = Graph(np.empty((MAX_NODES, 2)), np.empty((MAX_NODES, MAX_LINKS), dtype=np.int64),
                   np.zeros(MAX_NODES, dtype=np.int64))  # fmt: skip
-    count = _build(smooth, ranks, bridge, graph)
+    count = _build(smooth, ranks, bridge, graph, np.full(ranks.shape, -1, dtype=np.int64))
     return Graph(graph.places[:count], graph.links[:count], graph.degrees[:count])
 
 
 @njit(cache=True)
-def _build(smooth: FloatArray, ranks: ByteArray, bridge: bool, graph: Graph) -> int:
+def _build(smooth: FloatArray, ranks: ByteArray, bridge: bool, graph: Graph, node_at: IntArray) -> int:
     """`line_graph`, into the graph; returns how many nodes there are."""
-    node_at = np.full(ranks.shape, -1, dtype=np.int64)
+    smooth, ranks, graph, node_at = uncounted((smooth, ranks, graph, node_at))
     count = place_nodes(ranks, node_at, graph.places)
     connect_regions(ranks, node_at, graph)
     remove_triangles(graph, count)

@@ -57,14 +57,14 @@ def find_landmarks(
     found += _goals([one.upright for one in found if one.kind == LandmarkKind.POST], field)
     if not found:
         return no_landmarks()
-    noise = np.stack([_covariance(one, plane) for one in found])
+    noise = np.array([_covariance(one, plane) for one in found])
     return Landmarks(
         np.array([str(one.kind) for one in found]),
-        np.stack([one.upright.place for one in found]),
+        np.array([one.upright.place for one in found]),
         noise,
         np.array([one.confidence for one in found]),
         tuple(one.upright.colors for one in found),
-        np.stack([one.upright.pixel for one in found]),
+        np.array([one.upright.pixel for one in found]),
     )
 
 

@@ -1,0 +1,141 @@
+"""`touchline calibrate lines --model pinhole|fisheye` on drawn humanoids: errors and NEES of each parameter.
+
+    python benchmarks/calibrate_cameras.py [--model pinhole] [--first 100] [--cameras 30] [--images 8] [--lean 0.3]
+        [--paint 0.0] [--edges]
+
+Each seed is a robot as built: mount, height, focal length, principal point and distortion of its lens are drawn, and
+what is about it. It stands at places that nobody measured, leaning each time by as much as drawn (--lean: degrees).
+--paint: how far (m, one standard deviation) each painted line lies beside where the field's file has it; --edges: the
+file has the lines' outer edges. Seeds below 100 are for tuning.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from touchline.calibration.perspective_bundle import FOCAL, HEIGHT, NAMES, PITCH, ROLL
+from touchline.calibration.perspective_lines import calibrate_perspective_lines
+from touchline.camera import PerspectiveCamera
+from touchline.errors import NoFitError
+from touchline.experiments.scenes import random_place
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.types import ImageArray
+
+FIELDS = "indoor-9x6", "humanoid-kid-9x6", "hsl-s-9x6"
+SHOWN = {ROLL: (180.0 / math.pi, "°"), PITCH: (180.0 / math.pi, "°"), HEIGHT: (100.0, "cm"), FOCAL: (100.0, "%")}
+BARS = 0.2, 0.2, 1.0, 1.0  # °, °, cm, %
+EYE_M, AHEAD_M = 0.05, 1.5  # what is looked at lies so far away at least
+
+
+def drawn_camera(model: str, rng: np.random.Generator) -> PerspectiveCamera:
+    """A humanoid's camera as built."""
+    designed = humanoid_camera() if model == "pinhole" else kid_size_camera()
+    off = rng.standard_normal(8)
+    pitch, height_m = (rng.uniform(0.35, 0.6), rng.uniform(0.5, 1.2)) if model == "pinhole" else (0.55, 0.52)
+    mount = Pose3.from_roll_pitch_yaw(
+        0.03 * off[0], pitch + 0.03 * off[1], 0.0, (0.0, 0.0, height_m * (1 + 0.03 * off[2]))
+    )
+    focal = designed.fx * math.exp(0.1 * off[3])
+    cx, cy = 0.5 * (np.array([designed.width, designed.height]) - 1.0) + 0.0025 * designed.width * off[4:6]
+    lens = (
+        designed.distortion
+        * (1.0 + 0.2 * off[6])
+        * ([1, 1 + 0.2 * off[6], off[7], off[7], 1] if model == "pinhole" else 1.0)
+    )
+    return replace(designed, fx=focal, fy=focal, cx=float(cx), cy=float(cy), distortion=lens, base_from_camera=mount)
+
+
+def drawn_images(
+    seed: int, model: str, count: int, lean_deg: float
+) -> tuple[PerspectiveCamera, list[ImageArray], FieldModel]:
+    """A camera, what it sees and the field."""
+    rng = np.random.default_rng([seed, 41])
+    changes = [f"field={FIELDS[seed % len(FIELDS)]}", "others.robots=4", f"camera.kind={model}"]
+    simulation = Simulation(open_scenario("humanoid-walk", seed, 20.0, changes))
+    camera = drawn_camera(model, rng)
+    eye = SimulatedPerspectiveCamera(camera)
+    images = []
+    for k in range(count):
+        while True:
+            place, aim = random_place(simulation.field, rng, 0.3), random_place(simulation.field, rng, 0.5)
+            if place.distance_to(aim) > AHEAD_M:
+                break
+        pose = Pose(place.x, place.y, math.atan2(aim.y - place.y, aim.x - place.x))
+        roll, pitch = np.radians(lean_deg) * rng.standard_normal(2)
+        state = simulation.state(2.0 * k)
+        images.append(eye.render(simulation.world, state, pose, (float(roll), float(pitch)), 8.0, 2.4, rng))
+    return camera, images, simulation.field
+
+
+def redrawn(field: FieldModel, paint_m: float, edges: bool, rng: np.random.Generator) -> FieldModel:
+    """The field as a file may have it: each line a little aside, or all at their outer edges."""
+    segments, circles, half = field.segments.copy(), field.circles.copy(), 0.5 * field.line_width * edges
+    inner = np.abs(np.abs(segments[:, 0]) - np.abs(segments[:, 0]).max()) > 1e-6
+    across = np.abs(segments[:, 0] - segments[:, 2]) < 1e-6
+    for row, front in zip(segments, inner & across, strict=True):
+        column = 0 if abs(row[0] - row[2]) < 1e-6 else 1
+        row[[column, column + 2]] += (
+            np.sign(row[column]) * half * (-1.0 if front else 1.0) + paint_m * rng.standard_normal()
+        )
+    circles[:, 2] += half + paint_m * rng.standard_normal(len(circles))
+    return replace(field, segments=segments, circles=circles)
+
+
+def state_of(camera: PerspectiveCamera) -> FloatArray:
+    """(10,) as of `perspective_bundle`."""
+    roll, pitch, _ = camera.base_from_camera.roll_pitch_yaw()
+    middle = 0.5 * (camera.width - 1.0), 0.5 * (camera.height - 1.0)
+    height = math.log(float(camera.base_from_camera.translation_m[2]))
+    k1, k2, third, fourth = camera.distortion[:4].tolist()
+    more = (k2 - k1**2 if camera.model == "pinhole" else k2, third, fourth)
+    return np.array([roll, pitch, height, math.log(camera.fx), k1, camera.cx - middle[0], camera.cy - middle[1], *more])
+
+
+def main() -> None:
+    """Print a row for each camera, and the figures of all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", choices=("pinhole", "fisheye"), default="pinhole")
+    parser.add_argument("--first", type=int, default=100)
+    parser.add_argument("--cameras", type=int, default=30)
+    parser.add_argument("--images", type=int, default=8)
+    parser.add_argument("--lean", type=float, default=0.3)
+    parser.add_argument("--paint", type=float, default=0.0)
+    parser.add_argument("--edges", action="store_true")
+    given = parser.parse_args()
+    errors, sigmas = [], []
+    for seed in range(given.first, given.first + given.cameras):
+        camera, images, field = drawn_images(seed, given.model, given.images, given.lean)
+        on = redrawn(field, given.paint, given.edges, np.random.default_rng([seed, 42]))
+        try:
+            found = calibrate_perspective_lines(images, on, given.model)
+        except NoFitError as error:
+            print(f"{seed}: refused: {error}")
+            continue
+        true = state_of(camera)
+        scale = np.array([each for each, _ in SHOWN.values()])
+        scale[2] *= math.exp(true[HEIGHT])
+        errors.append((found.fit.state - true)[list(SHOWN)] * scale)
+        sigmas.append(found.deviations[list(SHOWN)] * scale)
+        parts = [
+            f"{e:+.2f} ± {s:.2f} {unit}" for e, s, (_, unit) in zip(errors[-1], sigmas[-1], SHOWN.values(), strict=True)
+        ]
+        print(f"{seed}: {', '.join(parts)}")
+    error, sigma = np.array(errors), np.array(sigmas)
+    for k, bar, each, unit in zip(SHOWN, BARS, range(len(SHOWN)), (u for _, u in SHOWN.values()), strict=True):
+        e, z2 = error[:, each], (error[:, each] / sigma[:, each]) ** 2
+        print(
+            f"{NAMES[k]}: rms {np.sqrt(np.mean(e**2)):.2f} {unit}, largest {np.abs(e).max():.2f}, within {bar:g}: "
+            f"{np.count_nonzero(np.abs(e) <= bar)} of {given.cameras}, NEES {z2.mean():.2f} (largest {z2.max():.1f})"
+        )
+
+
+if __name__ == "__main__":
+    main()
