@@ -13,6 +13,7 @@ from touchline.geometry import Pose
 CROSSED = 0.45  # of the field's length, between the places along it that the pose has been at
 SLIPPED_M, MEMORY_M = 0.3, 4.0  # by which images may have moved it, and the way over which that is forgotten
 AWAY_S = 0.5  # between two images, after which nothing shows that it was followed
+TURNED_M = 1.5  # between two images, by which no robot drives: the other end is believed now
 SHOWN_M, MIN_SHOWN = 5.0, 0.7  # lines so near, and the share of them that points lie on
 SHOWN_MEMORY = 0.3  # weight of an image in it
 
@@ -45,7 +46,8 @@ class FieldProof:
         """Take a pose after an image, and where it was predicted; None: it was not followed. seconds: since the last
         image.
         """
-        if predicted is None or seconds > AWAY_S:
+        turned = self._last is not None and pose.distance_to(self._last) > TURNED_M
+        if predicted is None or seconds > AWAY_S or turned:
             self.reset()
         way_m = 0.0 if self._last is None else pose.distance_to(self._last)
         if predicted is not None and self._last is not None:

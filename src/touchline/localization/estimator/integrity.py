@@ -65,6 +65,7 @@ PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are n
 CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by how much
 DOUBTED = 0.4  # statistic of the motion from which an odometry does not carry a pose far unseen
 VISION_ALONE = 0.8  # statistic that counts while the odometry does not
+LIKELY = 0.9  # probability of a pose that shows what a robot usually sees
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
@@ -425,7 +426,8 @@ class Integrity:
         if jump.elsewhere:
             self._jumps = min(self._jumps + (self._held_up and jump.predicted is not None), 2.0 * MAX_JUMPS)
             self._held_up = False
-        if self._coverage.begins_image(jump.elsewhere, self.is_settled):
+        well = self.is_settled and bank.probabilities[0] > LIKELY and self.is_believed
+        if self._coverage.begins_image(jump.elsewhere, well):
             upright = placed_points(image.seen.positions_m, best.filter.errors, image.response)
             self._coverage.update(self._field.line_tables, upright, best.fit.state[:3])
         self._held_up |= self._coverage.shown and self.is_consistent(MIN_SHARE_JUMPED)
