@@ -265,16 +265,19 @@ def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-u
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_lags(steps, i, span_ns, lags_ns, stamps, rows):  # type: ignore[no-untyped-def]
-    """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach."""
+def _fill_lags(steps, i, span_ns, lags_ns, known, stamps, rows):  # type: ignore[no-untyped-def]
+    """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach. known:
+    whether they reach as far as they ever will; before, a step speaks against lags alone.
+    """
     first = steps.gains.shape[1] - len(lags_ns)
-    steps.lags_known[i] = 1.0
+    steps.lags_known[i] = known
     for k in range(len(lags_ns)):
         begin_ns, end_ns = span_ns[0] - lags_ns[k], span_ns[1] - lags_ns[k]
         if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
             continue
         step = _driven(stamps, rows, begin_ns, end_ns)
-        steps.gains[i, first + k] = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
+        gain = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
+        steps.gains[i, first + k] = gain if known else min(gain, 0.0)
 
 
 class MotionRelation:
@@ -421,14 +424,12 @@ class MotionRelation:
         self._explain(history)
 
     def _fill_lags(self) -> None:
-        """The odometry's steps at other times, of the steps that are old enough to know all of them."""
+        """The odometry's steps at other times; of a new step those before it alone are known."""
         first = WINDOW - len(self._spans_ns)
         for i in np.flatnonzero(self._every.lags_known[first:] == 0.0).tolist():
-            begin_ns, end_ns = self._spans_ns[i]
-            if self._spans_ns[-1][1] - end_ns < 1e9 * LAGS_S[-1]:
-                break
-            samples = self._history.odometry.samples.arrays
-            _fill_lags(self._every, first + i, (begin_ns, end_ns), _LAGS_NS, *samples)
+            span_ns = self._spans_ns[i]
+            known = self._spans_ns[-1][1] - span_ns[1] >= 1e9 * LAGS_S[-1]
+            _fill_lags(self._every, first + i, span_ns, _LAGS_NS, known, *self._history.odometry.samples.arrays)
 
     def _explain(self, history: MotionHistory) -> None:
         """Try every explanation, if there is anything to explain."""
