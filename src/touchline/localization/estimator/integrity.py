@@ -306,9 +306,8 @@ class Integrity:
         self._take_coverage(stamp_ns, image, bank, jump)
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
-        variances = best.filter.initial.errors.diagonal().tolist()
-        errors = zip(best.filter.errors.tolist(), variances, strict=True)  # plain floats: NumPy takes longer for five
-        self._error_z = max((abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors), default=0.0)
+        deviations = np.sqrt(np.maximum(best.filter.initial.errors.diagonal(), 1e-12))
+        self._error_z = float(np.maximum.reduce(np.abs(best.filter.errors) / deviations, initial=0.0))
         (x, y, _), (reach_x, reach_y) = best.filter.pose, self._reach_m
         self._outside_m = max(max(abs(x) - reach_x, abs(y) - reach_y) + OUTSIDE_M, 0.0)
         self._take_repetition(stamp_ns, image, last, history)
