@@ -1,28 +1,33 @@
 """`touchline calibrate lines --model pinhole|fisheye` on drawn humanoids: errors and NEES of each parameter.
 
-    python benchmarks/calibrate_cameras.py [--model pinhole] [--first 100] [--cameras 30] [--images 8] [--lean 0.3]
-        [--paint 0.0] [--edges]
+    python benchmarks/calibrate_cameras.py [--model pinhole|fisheye|mujoco] [--first 100] [--cameras 30] [--images 8]
+        [--lean 0.3] [--paint 0.0] [--edges]
 
 Each seed is a robot as built: mount, height, focal length, principal point and distortion of its lens are drawn, and
 what is about it. It stands at places that nobody measured, leaning each time by as much as drawn (--lean: degrees).
 --paint: how far (m, one standard deviation) each painted line lies beside where the field's file has it; --edges: the
-file has the lines' outer edges. Seeds below 100 are for tuning.
+file has the lines' outer edges. Seeds below 100 are for tuning. --model mujoco: the T1 of RoboCup's MuJoCo soccer
+server steps on the spot at each place (needs `pip install 'touchline[mujoco]'`); it leans as it does, and roll, pitch
+and height are compared with their means over the images that took part.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from touchline.calibration.perspective_bundle import FOCAL, HEIGHT, NAMES, PITCH, ROLL
 from touchline.calibration.perspective_lines import calibrate_perspective_lines
-from touchline.camera import PerspectiveCamera
+from touchline.camera import PerspectiveCamera, PinholeCamera
 from touchline.errors import NoFitError
 from touchline.experiments.scenes import random_place
-from touchline.field import FieldModel
+from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
 from touchline.simulation.run import Simulation
@@ -32,7 +37,7 @@ from touchline.types import ImageArray
 FIELDS = "indoor-9x6", "humanoid-kid-9x6", "hsl-s-9x6"
 SHOWN = {ROLL: (180.0 / math.pi, "°"), PITCH: (180.0 / math.pi, "°"), HEIGHT: (100.0, "cm"), FOCAL: (100.0, "%")}
 BARS = 0.2, 0.2, 1.0, 1.0  # °, °, cm, %
-EYE_M, AHEAD_M = 0.05, 1.5  # what is looked at lies so far away at least
+AHEAD_M = 1.5  # what is looked at lies so far away at least
 
 
 def drawn_camera(model: str, rng: np.random.Generator) -> PerspectiveCamera:
@@ -55,8 +60,8 @@ def drawn_camera(model: str, rng: np.random.Generator) -> PerspectiveCamera:
 
 def drawn_images(
     seed: int, model: str, count: int, lean_deg: float
-) -> tuple[PerspectiveCamera, list[ImageArray], FieldModel]:
-    """A camera, what it sees and the field."""
+) -> tuple[list[PerspectiveCamera], list[ImageArray], FieldModel]:
+    """A camera, as each image has it, what it sees and the field."""
     rng = np.random.default_rng([seed, 41])
     changes = [f"field={FIELDS[seed % len(FIELDS)]}", "others.robots=4", f"camera.kind={model}"]
     simulation = Simulation(open_scenario("humanoid-walk", seed, 20.0, changes))
@@ -64,15 +69,50 @@ def drawn_images(
     eye = SimulatedPerspectiveCamera(camera)
     images = []
     for k in range(count):
-        while True:
-            place, aim = random_place(simulation.field, rng, 0.3), random_place(simulation.field, rng, 0.5)
-            if place.distance_to(aim) > AHEAD_M:
-                break
-        pose = Pose(place.x, place.y, math.atan2(aim.y - place.y, aim.x - place.x))
+        pose = _place(simulation.field, rng)
         roll, pitch = np.radians(lean_deg) * rng.standard_normal(2)
         state = simulation.state(2.0 * k)
         images.append(eye.render(simulation.world, state, pose, (float(roll), float(pitch)), 8.0, 2.4, rng))
-    return camera, images, simulation.field
+    return [camera] * count, images, simulation.field
+
+
+def _place(field: FieldModel, rng: np.random.Generator) -> Pose:
+    """Anywhere on the field, some of it ahead."""
+    while True:
+        place, aim = random_place(field, rng, 0.3), random_place(field, rng, 0.5)
+        if place.distance_to(aim) > AHEAD_M:
+            return Pose(place.x, place.y, math.atan2(aim.y - place.y, aim.x - place.x))
+
+
+def mujoco_images(seed: int, count: int) -> tuple[list[PerspectiveCamera], list[ImageArray], FieldModel]:
+    """The same of the server's robot, on a field of the Humanoid Soccer League."""
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    sys.path.insert(0, str(Path(__file__).parent / "mujoco"))
+    from gait import Gait
+    from hall import FOCAL_PX, HEIGHT, WIDTH, Hall
+    from walks import TILT_RAD
+    from worlds import HEAD, LEGS, OTHERS, POSTURE, Targets
+
+    field, rng = open_field("hsl-s-9x6"), np.random.default_rng([seed, 41])
+    hall, seen, images = Hall(field, rng), [], []
+    still = {**dict.fromkeys((*OTHERS, *LEGS), 0.0), **POSTURE, HEAD[0]: 0.0, HEAD[1]: TILT_RAD}
+    for _ in range(count):
+        pose, gait = _place(field, rng), Gait()
+        hall.place(pose.x, pose.y, pose.heading)
+        percept = hall.step(Targets(still))
+        for _ in range(int(rng.integers(50, 80))):
+            lean = Pose3(percept.attitude, np.zeros(3)).roll_pitch_yaw()[:2]
+            legs = gait.step(0.02, np.zeros(3), np.array(lean), percept.gyro[:2]).ravel().tolist()
+            percept = hall.step(Targets({**still, **dict(zip(LEGS, legs, strict=True))}))
+        images.append(hall.image())
+        seen.append(hall.eye)
+    hall.close()
+    roll, pitch, height_m = np.mean(
+        [(*one.roll_pitch_yaw()[:2], one.translation_m[2]) for one in seen], axis=0
+    ).tolist()
+    mount = Pose3.from_roll_pitch_yaw(roll, pitch, 0.0, (0.0, 0.0, height_m))
+    middle = 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1)
+    return PinholeCamera(WIDTH, HEIGHT, FOCAL_PX, FOCAL_PX, *middle, np.zeros(5), mount), images, field
 
 
 def redrawn(field: FieldModel, paint_m: float, edges: bool, rng: np.random.Generator) -> FieldModel:
@@ -102,7 +142,7 @@ def state_of(camera: PerspectiveCamera) -> FloatArray:
 def main() -> None:
     """Print a row for each camera, and the figures of all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--model", choices=("pinhole", "fisheye"), default="pinhole")
+    parser.add_argument("--model", choices=("pinhole", "fisheye", "mujoco"), default="pinhole")
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--cameras", type=int, default=30)
     parser.add_argument("--images", type=int, default=8)
@@ -112,14 +152,17 @@ def main() -> None:
     given = parser.parse_args()
     errors, sigmas = [], []
     for seed in range(given.first, given.first + given.cameras):
-        camera, images, field = drawn_images(seed, given.model, given.images, given.lean)
+        if given.model == "mujoco":
+            cameras, images, field = mujoco_images(seed, given.images)
+        else:
+            cameras, images, field = drawn_images(seed, given.model, given.images, given.lean)
         on = redrawn(field, given.paint, given.edges, np.random.default_rng([seed, 42]))
         try:
-            found = calibrate_perspective_lines(images, on, given.model)
+            found = calibrate_perspective_lines(images, on, cameras[0].model)
         except NoFitError as error:
             print(f"{seed}: refused: {error}")
             continue
-        true = state_of(camera)
+        true = np.mean([state_of(cameras[k]) for k in found.used], axis=0)
         scale = np.array([each for each, _ in SHOWN.values()])
         scale[2] *= math.exp(true[HEIGHT])
         errors.append((found.fit.state - true)[list(SHOWN)] * scale)

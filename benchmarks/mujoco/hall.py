@@ -15,6 +15,7 @@ from rcsssmj.resources.spec_provider import ModelSpecProvider
 from worlds import CYCLE_S, MODEL, Percept, Targets, attitude
 
 from touchline.field import FieldModel
+from touchline.geometry import Pose3
 
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 420.0
 PAINT_M, PIECES = 0.001, 96  # height of the paint; straight pieces of a circle
@@ -74,6 +75,13 @@ class Hall:
         self._renderer.update_scene(self._seen, "eye")
         image = self._renderer.render()[..., ::-1] + NOISE * self._rng.standard_normal((HEIGHT, WIDTH, 3))
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    @property
+    def eye(self) -> Pose3:
+        """The camera of the last image, as `base_from_camera`: x ahead, y left, z up; in the hall's frame."""
+        seen = self._seen.camera("eye")
+        optical = seen.xmat.reshape(3, 3)  # x right, y up, z back
+        return Pose3(np.stack((-optical[:, 2], -optical[:, 0], optical[:, 1]), axis=1), seen.xpos.copy())
 
     def close(self) -> None:
         """Give the renderer back."""

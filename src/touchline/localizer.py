@@ -485,11 +485,9 @@ class _Queue:
         """What waits, by sensor: all, or the first so many that have ever come."""
         found: dict[str, Samples] = {}
         with self._lock:
-            until = self.come if until is None else until
             for sensor, waiting in self._rows.items():
-                taken = []
-                while waiting and waiting[0][0] <= until:
-                    taken.append(waiting.popleft())
+                count = len(waiting) if until is None else sum(come <= until for come, _, _ in waiting)
+                taken = [waiting.popleft() for _ in range(count)]
                 if taken:
                     stamps = np.array([stamp_ns for _, stamp_ns, _ in taken], dtype=np.int64)
                     rows = np.array([row for _, _, row in taken], dtype=np.float64)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.calibration.bundle import NormalEquations, entries, prior_block, residual_block
+from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block, residual_block
 from touchline.calibration.nearest_line import nearest_line
 from touchline.camera import FisheyeCamera, PerspectiveCamera, PinholeCamera
 from touchline.errors import NoFitError
@@ -42,6 +42,9 @@ _MEDIAN = 0.455  # of squares of standard normal numbers
 _REPEATED = 3.0  # neighbours on a line err together: of so many points one counts
 _NOWHERE = 1e9  # squared distance of a point above the horizon
 _ON_LINE_M, _ON_LINE_PX = 0.03, 1.5  # within either (together: their hypotenuse) a point lies on a line
+_DOUBT = 4.0  # an image whose points are off by more than others', squared, counts as much less: its pose may be wrong
+_DAMPING, _TRIALS = 1e-4, 4  # of Levenberg and Marquardt, at first; steps that are tried at one width
+_FAR_M = 0.05  # width below which noise, lean and paint are learned
 _STEP = 1e-5
 _OWN = 5
 
@@ -83,6 +86,24 @@ def camera_at(
     return PinholeCamera(*size, f, f, float(cx), float(cy), lens, mount)
 
 
+class _Seen(NamedTuple):
+    """A view's points. off: of all, how far they are off, squared, in units of what a point on a line may be. cost:
+    twice the negative log-likelihood of all. Of those that lie on the ground: pixels (N, 2), ground (N, 2) (field
+    frame), normal (N, 2) of the nearest line, aside (N, L + 1): distances' derivatives by paint, distances_m, weights,
+    squares (N,): squared residuals.
+    """
+
+    off: FloatArray
+    cost: float
+    pixels: FloatArray
+    ground: FloatArray
+    normal: FloatArray
+    aside: FloatArray
+    distances_m: FloatArray
+    weights: FloatArray
+    squares: FloatArray
+
+
 class _Bundle:
     """paint: entries (L + 1,) of how far (m) a line lies to its normal's side, the last of all to their outer edges."""
 
@@ -97,33 +118,51 @@ class _Bundle:
         camera = camera_at(self.model, self.size, state[_OWN:], state[3:_OWN])
         return Pose(*state[:3].tolist()).transform(camera.ground_from_image(pixels))
 
-    def linear(
-        self, view: PerspectiveView, state: FloatArray, paint: FloatArray, noise_px: float, width_m: float
-    ) -> tuple[FloatArray, ...]:
-        """Of a view's points: derivatives (N, 15 + L + 1), distances (N,) (m), weights (N,), squared residuals (N,), of
-        those that lie on the ground; of all how far they are off, squared, in units of what a point on a line may be.
-        """
-        placed = self.ground(view.pixels, state)
+    def look(self, state: FloatArray, noise_px: float, width_m: float) -> list[_Seen]:
+        """All views' points at a state."""
+        paint = state[self.paint]
+        return [
+            self._seen(view.pixels, state[[*mine, *self.camera]], paint, noise_px, width_m)
+            for view, mine in zip(self.views, self.own, strict=True)
+        ]
+
+    def _seen(self, pixels: FloatArray, state: FloatArray, paint: FloatArray, noise_px: float, width_m: float) -> _Seen:
+        placed = self.ground(pixels, state)
         seen = np.isfinite(placed).all(axis=1)
-        pixels, placed = view.pixels[seen], placed[seen]
+        off = np.full(len(pixels), _NOWHERE)
+        pixels, placed = pixels[seen], placed[seen]
         near = nearest_line(self._tables, placed)
-        rows = np.zeros((len(placed), len(state) + len(paint)))
+        aside = np.zeros((len(placed), len(paint)))
+        aside[np.arange(len(placed)), near.line] = np.where(near.is_beyond, 0.0, -1.0)
+        aside[:, -1] = aside[:, :-1] @ self.outward
+        distances_m = near.distance_m + aside @ paint
+        on_ground = np.stack([self.ground(pixels + step, state) - placed for step in np.eye(2)], axis=-1)
+        per_px2 = np.square(np.nan_to_num(np.einsum("ni,nij->nj", near.normal, on_ground), nan=1.0)).sum(axis=1)
+        off[seen] = distances_m**2 / (_ON_LINE_M**2 + _ON_LINE_PX**2 * per_px2)
+        variances = _GROUND_M**2 + noise_px**2 * per_px2
+        squares = distances_m**2 / variances
+        robust = 1.0 + squares * variances / (width_m**2 + _GATE2 * variances)
+        cost = float((squares / robust).sum() + _GATE2 * np.count_nonzero(~seen)) / _REPEATED
+        weights = 1.0 / (robust**2 * variances * _REPEATED)
+        return _Seen(off, cost, pixels, placed, near.normal, aside, distances_m, weights, squares)
+
+    def blocks(self, seen: Sequence[_Seen], doubts: FloatArray, state: FloatArray) -> list[Block]:
+        """The views' normal equations at a state."""
+        blocks = []
+        for one, mine, doubt in zip(seen, self.own, doubts, strict=True):
+            rows = self._rows(one, state[[*mine, *self.camera]])
+            at = np.concatenate((mine, self.shared))
+            blocks.append(residual_block(at, rows, one.distances_m, one.weights).divided(float(doubt)))
+        return blocks
+
+    def _rows(self, one: _Seen, state: FloatArray) -> FloatArray:
+        """Derivatives (N, 15 + L + 1) of distances at a state as of `ground`, and by paint."""
+        rows = np.empty((len(one.ground), len(state)))
         for j in range(len(state)):
             moved = state.copy()
             moved[j] += _STEP
-            rows[:, j] = np.nan_to_num(((self.ground(pixels, moved) - placed) * near.normal).sum(axis=1)) / _STEP
-        aside = np.where(near.is_beyond, 0.0, -1.0)
-        rows[np.arange(len(placed)), len(state) + near.line] = aside
-        rows[:, -1] = aside * self.outward[near.line]
-        distances_m = near.distance_m + rows[:, len(state) :] @ paint
-        on_ground = np.stack([self.ground(pixels + step, state) - placed for step in np.eye(2)], axis=-1)
-        per_px2 = np.square(np.nan_to_num(np.einsum("ni,nij->nj", near.normal, on_ground), nan=1.0)).sum(axis=1)
-        variances = _GROUND_M**2 + noise_px**2 * per_px2
-        squares = distances_m**2 / variances
-        robust = np.square(1.0 + squares * variances / (width_m**2 + _GATE2 * variances))
-        off = np.full(len(view.pixels), _NOWHERE)
-        off[seen] = distances_m**2 / (_ON_LINE_M**2 + _ON_LINE_PX**2 * per_px2)
-        return rows, distances_m, 1.0 / (robust * variances * _REPEATED), squares, off
+            rows[:, j] = np.nan_to_num(((self.ground(one.pixels, moved) - one.ground) * one.normal).sum(axis=1)) / _STEP
+        return np.hstack((rows, one.aside))
 
 
 def _outward(field: FieldModel) -> FloatArray:
@@ -147,43 +186,55 @@ def fit_perspective(
     has been fitted before.
     """
     bundle = _Bundle(views, field, model, size)
-    shared, own, camera, paint = bundle.shared, bundle.own, bundle.camera, bundle.paint
-    state, lean_rad, noise_px, paint_m = np.zeros(own[-1, -1] + 1), _LEAN_RAD, _NOISE_PX, _PAINT_M
+    own, camera, paint = bundle.own, bundle.camera, bundle.paint
+    lean_rad, noise_px, paint_m, damping = _LEAN_RAD, _NOISE_PX, _PAINT_M, _DAMPING
+    state = np.zeros(own[-1, -1] + 1)
     state[camera] = start
     state[own[:, :3]] = [one.pose.as_array() for one in views]
-    known, mean = np.zeros(_CAMERA), np.zeros(_CAMERA)
+    known, mean = np.full(len(state), _ANYWHERE), state * 0.0
+    mean[own[:, :3]] = state[own[:, :3]]
     for k, deviation in _START.items():
         known[k], mean[k] = deviation**-2.0, start[k]
     known[[DISTORTION, *range(LENS, _CAMERA)]] = np.power(_DISTORTIONS[model], -2.0)
     known[[CENTER_U, CENTER_V]] = (_CENTER_RATIO * size[0]) ** -2.0
+    known[paint[-1]] = (0.5 * field.line_width) ** -2.0
     for width_m in [width for width in _WIDTHS_M if not again or width <= _NEAR_M]:
-        own_known = np.array([_ANYWHERE] * 3 + [lean_rad**-2.0] * 2)
-        drawn = np.full(len(paint), paint_m**-2.0)
-        drawn[-1] = (0.5 * field.line_width) ** -2.0
-        blocks = [prior_block(camera, known, state[camera] - mean), prior_block(paint, drawn, state[paint])]
-        squares, offs = [], []
-        for view, mine in zip(views, own, strict=True):
-            at = np.concatenate((mine, shared))
-            *parts, square, off = bundle.linear(view, state[at[: _OWN + _CAMERA]], state[paint], noise_px, width_m)
-            squares.append(square)
-            offs.append(off)
-            blocks.append(residual_block(at, *parts))
-            blocks.append(prior_block(mine, own_known, state[mine] * (own_known > _ANYWHERE)))
-        equations = NormalEquations(blocks)
-        state = state + np.clip(equations.step(), -0.2, 0.2)
-        if width_m < 0.05:
-            flat = np.concatenate(squares)
-            if not len(flat):
+        known[own[:, 3:]], known[paint[:-1]] = lean_rad**-2.0, paint_m**-2.0
+        seen = bundle.look(state, noise_px, width_m)
+        medians = np.array([np.median(one.off) for one in seen])
+        doubts = np.maximum(medians / (_DOUBT * np.median(medians)), 1.0)
+        blocks = [prior_block(np.arange(len(state)), known, state - mean), *bundle.blocks(seen, doubts, state)]
+        cost = _cost(seen, doubts, known, state - mean)
+        for _ in range(_TRIALS):
+            trial = state + NormalEquations(blocks, damping).step()
+            if _cost(bundle.look(trial, noise_px, width_m), doubts, known, trial - mean) < cost:
+                state, damping = trial, 0.1 * damping
+                break
+            damping *= 10.0
+        if width_m < _FAR_M:
+            squares = np.concatenate([one.squares for one in seen])
+            if not len(squares):
                 raise NoFitError("no line point lies on the ground")
-            noise_px = max(noise_px * math.sqrt(float(np.median(flat)) / _MEDIAN), _MIN_NOISE_PX)
+            equations = NormalEquations(blocks)
+            noise_px = max(noise_px * math.sqrt(float(np.median(squares)) / _MEDIAN), _MIN_NOISE_PX)
             lean_rad = _spread(equations, own[:, 3:].ravel(), state, _MIN_LEAN_RAD)
             paint_m = _spread(equations, paint[:-1], state, _MIN_PAINT_M)
-    on_lines = np.array([np.mean(off < 1.0) for off in offs])
-    flat = np.concatenate(offs)
-    cost = float(np.mean(flat / (1.0 + flat)))
+    on_lines = np.array([np.mean(one.off < 1.0) for one in seen])
+    off = np.concatenate([one.off for one in seen])
+    learned = lean_rad, noise_px, paint_m
     return PerspectiveFit(
-        state[camera], equations.covariance(camera), state[own[:, :3]], on_lines, cost, lean_rad, noise_px, paint_m
+        state[camera],
+        equations.covariance(camera),
+        state[own[:, :3]],
+        on_lines,
+        float(np.mean(off / (1.0 + off))),
+        *learned,
     )
+
+
+def _cost(seen: Sequence[_Seen], doubts: FloatArray, known: FloatArray, off: FloatArray) -> float:
+    """Twice the negative log-likelihood of all points and of a state (P,) that is off what is known of it."""
+    return float(sum(one.cost / doubt for one, doubt in zip(seen, doubts, strict=True)) + known @ off**2)
 
 
 def _spread(equations: NormalEquations, at: IndexArray, state: FloatArray, least: float) -> float:

@@ -42,7 +42,8 @@ MAX_DEVIATIONS = {ROLL: math.radians(0.5), PITCH: math.radians(0.7), HEIGHT: 0.0
 _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per image width, distortion
 # of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
-_FITS = 0.1  # cost at which a camera is the right one, if any is
+_SURE, _FITS = 0.02, 0.1  # cost at which a camera is the right one, and may be if no other fits better
+MIN_USED = 0.6  # share of the images that must take part
 _NOISE_PX, _START_NOISE_PX = 0.7, 5.0  # of a point where a pose is looked for, and with a camera that is off
 _TRIED, _LOOKS = 16, 4  # cameras that are fitted, and how often lines are found again at most
 
@@ -73,9 +74,14 @@ def calibrate_perspective_lines(images: Sequence[ImageArray], field: FieldModel,
         best = work.fitted(work.look(best.fit.state), best.fit.state, right)
         if len(right) == len(best.right_poses()) == len(best.images):
             break
+    right = best.right_poses()
+    if MIN_USED * len(images) <= len(right) < len(best.images):  # a wrong pose would pull the camera
+        best = work.fitted(
+            [one if k in right else Observation(0) for k, one in enumerate(best.seen)], best.fit.state, right
+        )
     camera = camera_at(model, work.size, best.fit.state)
     found = PerspectiveLines(camera, best.fit, best.images, tuple(best.seen[k] for k in best.images))
-    _check(found)
+    _check(found, len(images))
     return found
 
 
@@ -136,8 +142,10 @@ class _Calibration:
                     fits.append(self.fitted(seen, start.state, {}))
                 except NoFitError:
                     continue
-                if fits[-1].fit.cost < _FITS:
+                if fits[-1].fit.cost < _SURE:
                     return fits[-1]
+            if fits and min(one.fit.cost for one in fits) < _FITS:
+                break
         if not fits:
             raise NoFitError(
                 f"fewer than {MIN_LINES} lines are seen in these {len(looks[0])} images, twenty are better: add images "
@@ -155,13 +163,14 @@ def _usual_states(model: str, size: tuple[int, int]) -> FloatArray:
     return states
 
 
-def _check(found: PerspectiveLines) -> None:
-    """Raises NoFitError, naming what the images leave open."""
+def _check(found: PerspectiveLines, images: int) -> None:
+    """Raises NoFitError, naming what so many images leave open."""
     on_lines = float(np.mean(found.fit.on_lines))
-    if on_lines < MIN_ON_LINES:
+    if on_lines < MIN_ON_LINES or len(found.used) < MIN_USED * images:
         raise NoFitError(
-            f"no camera puts the points on this field's lines: {100 * on_lines:.0f} % lie on them, "
-            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and the right model?"
+            f"no camera puts the points on this field's lines: {100 * on_lines:.0f} % lie on them in {len(found.used)} "
+            f"of {images} images, {100 * MIN_ON_LINES:.0f} % in most images are needed. Is it the right field, "
+            "and the right model?"
         )
     open_ones = [NAMES[k] for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
     if open_ones:

@@ -105,7 +105,8 @@ class SampleHistory:
                 last = self._rows[-1][column] if self._rows else 0.0
                 row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
             newest_ns = stamp_ns
-            self.append(stamp_ns, row)
+            self._stamps_ns.append(stamp_ns)
+            self._rows.append(row)
 
     def append(self, stamp_ns: int, row: list[float]) -> None:
         """Append one sample that is finite and later than the newest."""

@@ -412,7 +412,8 @@ def _steps_along(covariance: FloatArray) -> list[FloatArray]:
 
 def could_be_shove(jump: FloatArray) -> bool:
     """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
-    return math.hypot(jump[0], jump[1]) < MAX_SHOVE_M and abs(wrap_angle(float(jump[2]))) < MAX_SHOVE_RAD
+    x, y, turn = jump.tolist()
+    return math.hypot(x, y) < MAX_SHOVE_M and abs(wrap_angle(turn)) < MAX_SHOVE_RAD
 
 
 def is_same(one: Pose, other: Pose) -> bool:

@@ -88,8 +88,8 @@ class CompassFaultFilter:
     @property
     def log_odds(self) -> float:
         """Of the pose's end, against the other."""
-        right, wrong = self.states
-        return math.log(sum(right) / sum(wrong))
+        (a, b, c), (d, e, f) = self.states
+        return math.log((a + b + c) / (d + e + f))
 
     @property
     def is_suspect(self) -> bool:

@@ -309,7 +309,7 @@ class Integrity:
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         variances = best.filter.initial.errors.diagonal().tolist()
         errors = zip(best.filter.errors.tolist(), variances, strict=True)  # plain floats: NumPy takes longer for five
-        self._error_z = max((abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors), default=0.0)
+        self._error_z = max([abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors], default=0.0)
         (x, y, _), (reach_x, reach_y) = best.filter.pose, self._reach_m
         self._outside_m = max(max(abs(x) - reach_x, abs(y) - reach_y) + OUTSIDE_M, 0.0)
         self._take_repetition(stamp_ns, image, last, history)
@@ -345,7 +345,7 @@ class Integrity:
         self._given &= not jump.elsewhere
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0
-        self._moves_proved |= self.relation.confirms
+        self._moves_proved = self._moves_proved or self.relation.confirms
         self._turns_proved = self._turns_proved or (self.relation.turns and self.relation.confirms)
         self._proved = self._proved or (self.relation.confirms and (self.relation.turns or not self._contradicted))
         self.confirmed = self.confirmed or self._proved or not moves

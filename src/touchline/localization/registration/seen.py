@@ -1,6 +1,7 @@
 """What registration takes of an observation: line points, or points laid on lines, crossings and landmarks."""
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.localization.registration.features import NO_POINTS, Features
@@ -27,12 +28,13 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     line_ratio, crude = 1.0, False
     if len(observation.points):
         points = observation.points
-        positions_m, covariances_m2 = map(np.ascontiguousarray, (points.positions_m, points.covariances_m2))
-        shares: FloatArray = np.minimum(np.maximum(points.confidences, MIN_CONFIDENCE), 1.0)
-        if not len(observation.lines):
-            positions_m, covariances_m2, shares, line_ratio, crude = count_points(positions_m, covariances_m2, shares)
-        count = float(shares.sum()) if crude else len(positions_m)
-        shares = POINT_SHARE * shares
+        arrays = points.positions_m, points.covariances_m2, points.confidences
+        positions_m, covariances_m2, shares = map(np.ascontiguousarray, arrays)
+        if len(observation.lines):
+            shares = POINT_SHARE * np.minimum(np.maximum(shares, MIN_CONFIDENCE), 1.0)
+        else:
+            positions_m, covariances_m2, shares, line_ratio, crude = _counted(positions_m, covariances_m2, shares)
+        count = float(shares.sum()) / POINT_SHARE if crude else len(positions_m)
         noise *= POINT_SHARE * repeated(count)
     else:
         points, shares = points_on(observation.lines)
@@ -49,6 +51,16 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
         line_ratio,
         crude,
     )
+
+
+@njit(cache=True)
+def _counted(positions_m, covariances_m2, confidences):  # type: ignore[no-untyped-def]
+    """`count_points` by their confidences (N,); weights are shares of a pose's likelihood."""
+    shares = np.minimum(np.maximum(confidences, MIN_CONFIDENCE), 1.0)
+    found = count_points(positions_m, covariances_m2, shares)
+    for i in range(len(found.weights)):
+        found.weights[i] *= POINT_SHARE
+    return found
 
 
 def evenly_counted(seen: Seen) -> Seen:
