@@ -107,12 +107,8 @@ def mujoco_images(seed: int, count: int) -> tuple[list[PerspectiveCamera], list[
         images.append(hall.image())
         seen.append(hall.eye)
     hall.close()
-    roll, pitch, height_m = np.mean(
-        [(*one.roll_pitch_yaw()[:2], one.translation_m[2]) for one in seen], axis=0
-    ).tolist()
-    mount = Pose3.from_roll_pitch_yaw(roll, pitch, 0.0, (0.0, 0.0, height_m))
-    middle = 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1)
-    return PinholeCamera(WIDTH, HEIGHT, FOCAL_PX, FOCAL_PX, *middle, np.zeros(5), mount), images, field
+    lens = FOCAL_PX, FOCAL_PX, 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1)
+    return [PinholeCamera(WIDTH, HEIGHT, *lens, np.zeros(5), mount) for mount in seen], images, field
 
 
 def redrawn(field: FieldModel, paint_m: float, edges: bool, rng: np.random.Generator) -> FieldModel:
