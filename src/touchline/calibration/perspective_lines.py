@@ -43,6 +43,7 @@ _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per im
 # of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
 _SURE, _FITS = 0.02, 0.1  # cost at which a camera is the right one, and may be if no other fits better
+MAX_PAINT_M = 0.015  # how far (a standard deviation) lines may lie beside the file's: more is a wrong camera, or field
 MIN_USED = 0.6  # share of the images that must take part
 _NOISE_PX, _START_NOISE_PX = 0.7, 5.0  # of a point where a pose is looked for, and with a camera that is off
 _TRIED, _LOOKS = 16, 4  # cameras that are fitted, and how often lines are found again at most
@@ -91,6 +92,11 @@ class _Fitted(NamedTuple):
     fit: PerspectiveFit
     images: tuple[int, ...]
     seen: Sequence[Observation]
+
+    @property
+    def cost(self) -> float:
+        """0 to 1, and more of one that moves the field's lines."""
+        return self.fit.cost + (self.fit.paint_m > MAX_PAINT_M)
 
     def right_poses(self) -> dict[int, Pose]:
         """Of the images whose points lie on lines."""
@@ -142,16 +148,16 @@ class _Calibration:
                     fits.append(self.fitted(seen, start.state, {}))
                 except NoFitError:
                     continue
-                if fits[-1].fit.cost < _SURE:
+                if fits[-1].cost < _SURE:
                     return fits[-1]
-            if fits and min(one.fit.cost for one in fits) < _FITS:
+            if fits and min(one.cost for one in fits) < _FITS:
                 break
         if not fits:
             raise NoFitError(
                 f"fewer than {MIN_LINES} lines are seen in these {len(looks[0])} images, twenty are better: add images "
                 "from places where the centre circle, a penalty area or a corner is in view"
             )
-        return min(fits, key=lambda each: each.fit.cost)
+        return min(fits, key=lambda each: each.cost)
 
 
 def _usual_states(model: str, size: tuple[int, int]) -> FloatArray:
@@ -171,6 +177,11 @@ def _check(found: PerspectiveLines, images: int) -> None:
             f"no camera puts the points on this field's lines: {100 * on_lines:.0f} % lie on them in {len(found.used)} "
             f"of {images} images, {100 * MIN_ON_LINES:.0f} % in most images are needed. Is it the right field, "
             "and the right model?"
+        )
+    if found.fit.paint_m > MAX_PAINT_M:
+        raise NoFitError(
+            f"the field's lines would have to lie {100 * found.fit.paint_m:.1f} cm beside where its file has them: "
+            "measure its sizes, or add images from other places"
         )
     open_ones = [NAMES[k] for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
     if open_ones:
