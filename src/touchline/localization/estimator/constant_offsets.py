@@ -173,7 +173,9 @@ def exceeded_moving(errors, speed, rate):  # type: ignore[no-untyped-def]
     return exceeded_by(of_position), exceeded_by(of_heading)
 
 
-_Seen = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int]  # of an image, as `corrected` takes it
+_Measured = tuple[
+    tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int
+]  # of an image, as `corrected` takes it
 
 
 class _Belief(NamedTuple):
@@ -192,10 +194,11 @@ class ConstantOffsets:
         self._late_s = self._clock_s = self._lag_s = self._ahead_s = 0.0
         self._clock_set = self._camera_moved = False  # whether images have come otherwise, or turned at once
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
-        self._state: FloatArray = np.zeros(7)
-        self._joint: FloatArray = np.eye(7)
-        self._images, self._first_blurred = 0, False  # that were taken; whether the first may be an outlier
-        self._others: list[_Belief] = []  # what is believed without the newest image, if that may be an outlier
+        self._state: FloatArray
+        self._joint: FloatArray
+        self._images: int  # that were taken
+        self._first_blurred: bool  # whether the first may be an outlier
+        self._others: list[_Belief]  # what is believed without the newest image, if that may be one
         self.reset()
 
     def reset(self, start: Pose | None = None, covariance: FloatArray = UNKNOWN) -> None:
@@ -264,7 +267,7 @@ class ConstantOffsets:
         self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
 
-    def _correct(self, sighting: Sighting, seen: _Seen) -> None:
+    def _correct(self, sighting: Sighting, seen: _Measured) -> None:
         """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
         believed without it is kept: the next image decides.
         """

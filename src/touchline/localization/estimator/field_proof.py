@@ -8,12 +8,12 @@ to 7 % larger or smaller passes: by so much odometries may slip, too.
 
 import math
 
-from touchline.geometry import Pose
+from touchline.geometry import Pose, wrap_angle
 
 CROSSED = 0.45  # of the field's length, between the places along it that the pose has been at
 SLIPPED_M, MEMORY_M = 0.3, 4.0  # by which images may have moved it, and the way over which that is forgotten
 AWAY_S = 0.5  # between two images, after which nothing shows that it was followed
-TURNED_M = 1.5  # between two images, by which no robot drives: the other end is believed now
+MAX_WAY_M, MAX_TURN = 1.5, 2.0  # (m, rad) between two images: no robot moves so, the other end is believed now
 SHOWN_M, MIN_SHOWN = 5.0, 0.7  # lines so near, and the share of them that points lie on
 SHOWN_MEMORY = 0.3  # weight of an image in it
 
@@ -46,8 +46,7 @@ class FieldProof:
         """Take a pose after an image, and where it was predicted; None: it was not followed. seconds: since the last
         image.
         """
-        turned = self._last is not None and pose.distance_to(self._last) > TURNED_M
-        if predicted is None or seconds > AWAY_S or turned:
+        if predicted is None or seconds > AWAY_S or self._ends_exchanged(pose):
             self.reset()
         way_m = 0.0 if self._last is None else pose.distance_to(self._last)
         if predicted is not None and self._last is not None:
@@ -55,3 +54,9 @@ class FieldProof:
             self._slipped_m = kept * x + pose.x - predicted.x, kept * y + pose.y - predicted.y
         self._last = pose
         self._low_m, self._high_m = min(self._low_m, pose.x), max(self._high_m, pose.x)
+
+    def _ends_exchanged(self, pose: Pose) -> bool:
+        last = self._last
+        return last is not None and (
+            pose.distance_to(last) > MAX_WAY_M or abs(wrap_angle(pose.heading - last.heading)) > MAX_TURN
+        )

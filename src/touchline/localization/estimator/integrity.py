@@ -65,11 +65,11 @@ PROTECTION_SIGMAS, PROTECTION_M, PROTECTION_RAD = 6.0, 0.02, 0.01  # tails are n
 CONSISTENT, EXCESS = 0.3, 2.0  # statistic from which a bound is wider, and by how much
 DOUBTED = 0.4  # statistic of the motion from which an odometry does not carry a pose far unseen
 VISION_ALONE = 0.8  # statistic that counts while the odometry does not
-LIKELY = 0.9  # probability of a pose that shows what a robot usually sees
+LIKELY = 0.9  # probability from which a pose teaches what a robot usually sees: as from which it is tracked
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
-FIRST_ALERT_M = 0.5  # at the first image of a camera whose attitude nobody knows: the next one shows whether it holds
+FIRST_ALERT_M = 0.5  # at the first image of a sector that a pose explains: the next one shows whether it holds
 ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
 UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
@@ -284,14 +284,15 @@ class Integrity:
         last = self.motion.last
         if last is not None and not last.begun:
             self._velocity = self._velocity_since(last, stamp_ns, history)
-        lone = not len(image.seen.positions_m) and len(image.seen.raw_m) == 1  # a crossing that tells no motion
-        if (last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S) and not lone:
+        due = last is None or stamp_ns - last.stamp_ns >= 1e9 * STEP_S
+        if due and not image.seen.is_one_thing:  # which tells no motion
             knowing = bank.knowing
             spread = knowing.error_covariance + bank.statistics.per_image
             camera = Camera(knowing.errors, spread, bank.trust.free_fit)
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
-            if self.motion.learned:  # the images before were seen by a camera that nobody knew yet
+            if self.motion.learned and not self.relation.clock_s:  # the images before were seen by an unknown camera
                 self.relation.reset()
+                self._moves_proved = self._turns_proved = False
                 if self.offsets.doubt:
                     self.offsets.reset()
             self.relation.update(sighting, history, late_s, jump.elsewhere, bank.steps)
@@ -387,6 +388,8 @@ class Integrity:
         best = bank.best
         assert best is not None
         assert best.fit is not None
+        if image.seen.is_one_thing:
+            return
         trust = bank.trust.of(image.seen.crude)
         of_points = trust.share(best.explained)
         if self._knows_field and bank.share < GOOD_SHARE and self._shows_lines(image, best):

@@ -12,14 +12,15 @@ from touchline.geometry import FloatArray
 from touchline.localization.registration.unseen import seen_ratio
 
 USUAL, SHOWN = 0.7, 0.2  # of its usual ratio elsewhere; what images have to show beyond it, one alone or several
-LEAST, TRIAL_IMAGES, TRIED_EVERY, TRIAL_MEMORY = 0.6, 60, 3, 0.3  # of it, in the mean, on trial; for so many images
+MIN_ON_TRIAL, TRIAL_MEMORY = 0.6, 0.3  # mean ratio, of the usual one, that a pose found elsewhere has to keep up
+TRIAL_IMAGES, TRIED_EVERY = 60, 3  # for so many images, of which one in so many is asked
 MAX_M = 6.0  # farther lines are seen now and then
 LEARNED_EVERY, MEMORY = 5, 0.1  # images in which what is usual is learned, and how fast
 
 
 class LineCoverage:
     """`shown`: whether the pose that is followed was shown by as many lines as usual since it was found, and still is:
-    for some seconds it is on trial.
+    for sixty images it is on trial.
     """
 
     def __init__(self) -> None:
@@ -30,6 +31,7 @@ class LineCoverage:
         self.shown, self._usual, self._far_m = True, 0.0, MAX_M
         self._beyond, self._images = 0.0, 0  # what was shown beyond USUAL; images in which all was well
         self._trial, self._ratio = 0, 0.0  # images that are left of it; mean ratio in these, of what is usual
+        self._on_trial = False  # whether the newest image is asked for it
 
     def begins_image(self, found: bool, settled: bool) -> bool:
         """Whether anything is asked of an image. found: elsewhere than expected; settled: all well, and tracked."""
@@ -37,8 +39,10 @@ class LineCoverage:
             self.shown, self._beyond = False, 0.0
         self._images += self.shown and settled
         if self._trial and self.shown:
+            self._on_trial = self._trial % TRIED_EVERY == 0
             self._trial -= 1
-            return self._trial % TRIED_EVERY == 0
+            return self._on_trial
+        self._on_trial = False
         return not self.shown or (settled and self._images % LEARNED_EVERY == 1)
 
     def update(self, lines: LineTables, points_m: FloatArray, pose: FloatArray) -> None:
@@ -47,9 +51,9 @@ class LineCoverage:
         if not self.shown:
             self._beyond = max(self._beyond + ratio / self._usual - USUAL, 0.0)
             self.shown, self._trial, self._ratio = self._beyond >= SHOWN, TRIAL_IMAGES, 1.0
-        elif self._trial:
+        elif self._on_trial:
             self._ratio += TRIAL_MEMORY * (ratio / self._usual - self._ratio)
-            if self._ratio < LEAST:
+            if self._ratio < MIN_ON_TRIAL:
                 self.shown, self._beyond = False, 0.0
         else:
             self._learn(ratio, points_m)

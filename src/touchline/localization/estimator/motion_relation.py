@@ -37,7 +37,7 @@ _LAGS_NS = np.rint(1e9 * LAGS_S).astype(np.int64)
 NAMED_GAIN = 8.0  # from which an explanation is named
 REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
-OUTLIER_COST = 3.0  # of a step that may be one of an outlier
+OUTLIER_COST = 3.0  # of a step to an image that may be an outlier: two of a hundred right ones cost more
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
 ARRIVED = 10.0  # log-odds for a lag by which images come otherwise than before
@@ -267,13 +267,14 @@ def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-u
 @njit(cache=True, error_model="numpy")
 def _fill_lags(steps, i, span_ns, lags_ns, known, stamps, rows):  # type: ignore[no-untyped-def]
     """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach. known:
-    whether they reach as far as they ever will; before, a step speaks against lags alone.
+    whether all lags can be tried; before, a step speaks against lags alone.
     """
     first = steps.gains.shape[1] - len(lags_ns)
     steps.lags_known[i] = known
     for k in range(len(lags_ns)):
         begin_ns, end_ns = span_ns[0] - lags_ns[k], span_ns[1] - lags_ns[k]
         if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
+            steps.gains[i, first + k] = 0.0
             continue
         step = _driven(stamps, rows, begin_ns, end_ns)
         gain = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
@@ -360,9 +361,12 @@ class MotionRelation:
         """Take a pose by an image. late_s: how late it is believed to be stamped; jumped: not from where it was; steps:
         noise of motions, which on legs is no fault.
         """
-        last = self._last
+        last, held = self._last, self._held
         if jumped:
             self._unbroken = 0
+        if held is not None and (sighting.begun or sighting.stamp_ns - held[1].stamp_ns > 1e9 * MAX_WAIT_S):
+            self._held = None
+            self._add(*held, history, late_s, steps)
         if last is None or sighting.begun:
             self._last = sighting
             return
@@ -388,7 +392,8 @@ class MotionRelation:
             for begin, doubted in (first, middle), (middle, first):
                 may_be_outlier = middle is last and doubted.blurred and (doubted is middle or first.begun)
                 if may_be_outlier and self._cost(begin, sighting, history, steps) < USUAL_COST:
-                    return self._add(begin, sighting, history, late_s, steps)
+                    self._add(begin, sighting, history, late_s, steps)
+                    return
             self._add(first, middle, history, late_s, steps)
         if sighting.blurred or (last.begun and last.blurred):
             self._held_cost = self._cost(last, sighting, history, steps)
@@ -416,12 +421,13 @@ class MotionRelation:
         self._since_clock += 1
         kept = slice(-WINDOW + 1, None)
         self._spans_ns = [*self._spans_ns[kept], span_ns]
-        seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
-        more = (cost - USUAL_COST) * min(seconds / 0.1, 2.0)
-        if self.all_round:
-            more = min(more, MAX_COST - USUAL_COST)  # a shove is one, however long its step
-        self.sum = min(max(self.sum + more, 0.0), 1.1 * MAX_SUM)
+        self.sum = min(max(self.sum + self._excess(cost, last, sighting), 0.0), 1.1 * MAX_SUM)
         self._explain(history)
+
+    def _excess(self, cost: float, last: Sighting, sighting: Sighting) -> float:
+        """Of a step's cost above what is usual, as much as it adds to the sum."""
+        more = (cost - USUAL_COST) * min(1e-8 * (sighting.stamp_ns - last.stamp_ns), 2.0)
+        return min(more, MAX_COST - USUAL_COST) if self.all_round else more  # a shove is one, however long its step
 
     def _fill_lags(self) -> None:
         """The odometry's steps at other times; of a new step those before it alone are known."""
@@ -476,11 +482,11 @@ class MotionRelation:
 
     @property
     def may_contradict(self) -> bool:
-        """Whether there would be an alarm if the step that waits for the next image counted."""
+        """Whether the mean or the sum would make an alarm if the step that waits for the next image counted."""
         if self._held is None:
             return False
         mean = self.mean + self._held_cost / max(len(self._spans_ns), WINDOW // 2)
-        return mean > MAX_MEAN or self.sum + 2.0 * self._held_cost > MAX_SUM
+        return mean > MAX_MEAN or self.sum + self._excess(self._held_cost, *self._held) > MAX_SUM
 
     @property
     def contradicts(self) -> bool:

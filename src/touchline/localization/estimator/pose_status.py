@@ -40,14 +40,13 @@ class PoseStatus:
         self.images, self.blind_frames = 0, 0
         self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
         self._image_trust = self.trust
-        self._sees_one = False  # whether the newest image shows a crossing or landmark and nothing else
+        self._sees_one = False  # whether the newest image shows one thing alone
         self._contradicted_s = 0.0  # of that, time in which something was seen
 
     def sees(self, seen: Seen) -> bool:
         """Take what an image shows; whether that is enough to correct a pose."""
-        enough = len(seen.positions_m) >= self.criteria.min_points
-        self._sees_one = not enough and len(seen.raw_m) == 1
-        shows = enough or len(seen.raw_m) > 0
+        shows = len(seen.positions_m) >= self.criteria.min_points or len(seen.raw_m) > 0
+        self._sees_one = seen.is_one_thing
         self.blind_frames = 0 if shows else self.blind_frames + 1
         self._image_trust = self.trust.of(seen.crude)
         return shows

@@ -56,6 +56,11 @@ class Seen(NamedTuple):
     line_ratio: float
     crude: bool
 
+    @property
+    def is_one_thing(self) -> bool:
+        """Whether it is a crossing or a landmark and nothing else, which may be a false one."""
+        return not len(self.positions_m) and len(self.raw_m) == 1
+
 
 class Ground(NamedTuple):
     """What lies where on a field: its lines and its point features."""
