@@ -112,7 +112,7 @@ def mujoco_images(seed: int, count: int) -> tuple[list[PerspectiveCamera], list[
 
 
 def redrawn(field: FieldModel, paint_m: float, edges: bool, rng: np.random.Generator) -> FieldModel:
-    """The field as a file may have it: each line a little aside, or all at their outer edges."""
+    """The field as a file may have it: each line a little aside, and all at their outer edges where asked."""
     segments, circles, half = field.segments.copy(), field.circles.copy(), 0.5 * field.line_width * edges
     inner = np.abs(np.abs(segments[:, 0]) - np.abs(segments[:, 0]).max()) > 1e-6
     across = np.abs(segments[:, 0] - segments[:, 2]) < 1e-6
@@ -167,6 +167,8 @@ def main() -> None:
             f"{e:+.2f} ± {s:.2f} {unit}" for e, s, (_, unit) in zip(errors[-1], sigmas[-1], SHOWN.values(), strict=True)
         ]
         print(f"{seed}: {', '.join(parts)}")
+    if not errors:
+        return
     error, sigma = np.array(errors), np.array(sigmas)
     for k, bar, each, unit in zip(SHOWN, BARS, range(len(SHOWN)), (u for _, u in SHOWN.values()), strict=True):
         e, z2 = error[:, each], (error[:, each] / sigma[:, each]) ** 2

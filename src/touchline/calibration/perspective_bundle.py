@@ -191,7 +191,7 @@ def fit_perspective(
     state = np.zeros(own[-1, -1] + 1)
     state[camera] = start
     state[own[:, :3]] = [one.pose.as_array() for one in views]
-    known, mean = np.full(len(state), _ANYWHERE), state * 0.0
+    known, mean = np.full(len(state), _ANYWHERE), np.zeros_like(state)
     mean[own[:, :3]] = state[own[:, :3]]
     for k, deviation in _START.items():
         known[k], mean[k] = deviation**-2.0, start[k]
@@ -221,14 +221,15 @@ def fit_perspective(
             paint_m = _spread(equations, paint[:-1], state, _MIN_PAINT_M)
     on_lines = np.array([np.mean(one.off < 1.0) for one in seen])
     off = np.concatenate([one.off for one in seen])
-    learned = lean_rad, noise_px, paint_m
     return PerspectiveFit(
         state[camera],
         equations.covariance(camera),
         state[own[:, :3]],
         on_lines,
         float(np.mean(off / (1.0 + off))),
-        *learned,
+        lean_rad,
+        noise_px,
+        paint_m,
     )
 
 

@@ -139,6 +139,7 @@ class _Calibration:
         """The first fit that is good, else the best: of what the usual cameras see, what sees most points first."""
         looks = [self.look(state) for state in _usual_states(self._model, self.size)]
         fits: list[_Fitted] = []
+        failed: NoFitError | None = None
         for seen in sorted(looks, key=lambda each: -sum(len(one.points) for one in each)):
             starts = find_cameras(
                 [one for one in seen if len(one.points) >= MIN_POINTS], self._model, self.size, self._search
@@ -146,14 +147,15 @@ class _Calibration:
             for start in starts[:_TRIED]:
                 try:
                     fits.append(self.fitted(seen, start.state, {}))
-                except NoFitError:
+                except NoFitError as error:
+                    failed = error
                     continue
                 if fits[-1].cost < _SURE:
                     return fits[-1]
             if fits and min(one.cost for one in fits) < _FITS:
                 break
         if not fits:
-            raise NoFitError(
+            raise failed or NoFitError(
                 f"fewer than {MIN_LINES} lines are seen in these {len(looks[0])} images, twenty are better: add images "
                 "from places where the centre circle, a penalty area or a corner is in view"
             )
