@@ -69,7 +69,8 @@ LIKELY = 0.9  # probability from which a pose teaches what a robot usually sees:
 SETTLED = 0.7  # statistic below which a pose is one to come back to
 MAX_PROTECTED = 0.85  # statistic of the images from which no bound can be given
 ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
-FIRST_ALERT_M = 0.5  # at the first image of a sector that a pose explains: the next one shows whether it holds
+# at the first image through a camera of which roll and pitch are known to worse than so much: the next one shows
+FIRST_ALERT_M, ASKEW_RAD = 0.5, 0.035
 ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
 UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
@@ -147,6 +148,7 @@ class Integrity:
         self.lag_s = 0.0  # by which images may be stamped late since a jump
         self._chance, self._since_chance = 0.0, CHANCE_EVERY
         self._deficit = self._error_z = self._outside_m = 0.0
+        self._is_askew = False  # whether nobody knows the camera's roll and pitch
         self._foreign_s, self._good_s, self._before_ns = 0.0, 0.0, 0  # of images that lay on no lines; of good ones
         self._points, self._same_since_ns = b"", 0
         self._repeated_s = 0.0
@@ -248,7 +250,7 @@ class Integrity:
         unseen_m = math.hypot(unseen.x, unseen.y)
         position_m = math.hypot(wider * math.sqrt(major2), offset_m) + PROTECTION_M
         heading_rad = wider * math.sqrt(covariance[2, 2]) + PROTECTION_RAD + turn
-        first = not self.relation.all_round and len(self._shares) == 1  # a sector tells less than it seems at first
+        first = self._is_askew and len(self._shares) == 1
         if position_m > (FIRST_ALERT_M if first else ALERT_M) or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
@@ -309,6 +311,7 @@ class Integrity:
         off_m = math.inf if jump.predicted is None else best.filter.pose.distance_to(jump.predicted)
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         variances = best.filter.initial.errors.diagonal().tolist()
+        self._is_askew = not self.relation.all_round and max(variances[:2], default=0.0) > ASKEW_RAD**2
         errors = zip(best.filter.errors.tolist(), variances, strict=True)  # plain floats: NumPy takes longer for five
         self._error_z = max([abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors], default=0.0)
         (x, y, _), (reach_x, reach_y) = best.filter.pose, self._reach_m
