@@ -325,7 +325,8 @@ class Touchline:
         if moved_log_odds is not None:
             end.take_prior(moved_log_odds, self.relocation.end_was_open)
         if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
-            end.update_from_compass(compass_error(best.filter.pose, compass_rad), seconds)
+            pose = best.filter.pose
+            end.update_from_compass(compass_error(pose, compass_rad), seconds, pose.heading)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends
             coloured = Observation(observation.stamp_ns, landmarks=observation.landmarks)
             view = self._view(coloured, best.filter.errors, image.response)

@@ -22,6 +22,9 @@ UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass i
 MAX_S = 0.2  # between two images, as far as it counts: readings in a pause are unknown
 MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it does not count in the search of a lost robot
+CHANCE_RAD = (
+    1.5  # turn of a robot over which a failed compass agrees by chance: stuck or turned, it does not turn along
+)
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
 # columns a compass that works, had failed, has failed since; rows right and wrong end. NumPy takes several times longer
 EndStates = tuple[float, float, float]
@@ -114,12 +117,15 @@ class CompassFaultFilter:
         if support:
             self.states = _weighed(self.states, _FIRST_READING[support])
 
-    def update(self, error_rad: float | None, seconds: float) -> None:
-        """Take its difference from the pose's heading; None: no reading. seconds: since the one before."""
+    def update(self, error_rad: float | None, seconds: float, turned_rad: float = 0.0) -> None:
+        """Take its difference from the pose's heading; None: no reading. seconds: since the one before. turned_rad: by
+        which a robot has turned meanwhile whose end is known: one that agrees all the same works again.
+        """
         support = supports(error_rad)
         if support is None:
             return
-        self.states = _followed(self.states, min(max(seconds, 0.0), MAX_S), bool(support), _LIKELY[support])
+        chance = math.exp(-turned_rad / CHANCE_RAD) if support == 1 else 1.0
+        self.states = _followed(self.states, min(max(seconds, 0.0), MAX_S), bool(support), _LIKELY[support], chance)
 
     def doubt(self) -> None:
         """It has turned round in the image in which the pose jumped."""
@@ -132,15 +138,19 @@ class CompassFaultFilter:
 
 
 @njit(cache=True)
-def _followed(states, elapsed_s, agrees, likely):  # type: ignore[no-untyped-def]
+def _followed(states, elapsed_s, agrees, likely, chance):  # type: ignore[no-untyped-def]
     """States after a time and a reading; agrees: with an end, which a failed compass does by chance, as long as the
-    robot does not turn; likely: the reading in each state.
+    robot does not turn; likely: the reading in each state; chance: that one which has failed agrees with the right end.
     """
     ends, ends_since, failing = elapsed_s / FAULT_S, elapsed_s / SEEN_FAULT_S, elapsed_s / FAULT_EVERY_S
     lasts = (1.0 - ends) * (math.exp(-ends) if agrees else 1.0)  # and shows what it has shown
     lasts_since = (1.0 - ends_since) * (math.exp(-ends_since) if agrees else 1.0)
     (a, b, c), (d, e, f) = states
-    right = a * (1.0 - failing) + ends * b + ends_since * c, lasts * b, (a * failing + c) * lasts_since
+    right = (
+        a * (1.0 - failing) + ends * b + ends_since * c,
+        chance * lasts * b,
+        chance * (a * failing + c) * lasts_since,
+    )
     wrong = d * (1.0 - failing) + ends * e + ends_since * f, lasts * e, (d * failing + f) * lasts_since
     return _bounded(_weighed((right, wrong), likely))
 

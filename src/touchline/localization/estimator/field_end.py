@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.geometry import Pose
+from touchline.geometry import Pose, wrap_angle
 from touchline.localization.estimator.compass_fault import CompassFaultFilter, CompassStates, supports
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView
 from touchline.types import Evidence
@@ -76,6 +76,7 @@ class FieldEnd:
         self._forget(known)
         self.compass.reset()
         self._open_s, self._reported = 0.0, False
+        self._heading_rad = 0.0  # of the pose, when the compass was last compared
 
     def _forget(self, known: bool) -> None:
         self.prior_log_odds = PRIOR_LOG_ODDS if known else 0.0
@@ -132,15 +133,18 @@ class FieldEnd:
         """
         self._jumping = JUMP_IMAGES if self._support == 1 else 0
 
-    def update_from_compass(self, compass_error_rad: float | None, seconds: float) -> None:
-        """Take the compass's difference from the pose's heading; None: no reading."""
+    def update_from_compass(self, compass_error_rad: float | None, seconds: float, heading_rad: float = 0.0) -> None:
+        """Take the compass's difference from the pose's heading (rad); None: no reading."""
+        knows = self.log_odds - self.compass.log_odds > -REFUTED  # without the compass
+        turned_rad = abs(wrap_angle(heading_rad - self._heading_rad)) if knows else 0.0
+        self._heading_rad = heading_rad
         self._support = supports(compass_error_rad)
         if self._jumping and self._support == -1 and self.log_odds > -REFUTED:
             self._forget(False)
             self.compass.doubt()
             self._support, self.undecided = -1, True
         else:
-            self.compass.update(compass_error_rad, seconds)
+            self.compass.update(compass_error_rad, seconds, turned_rad)
         self._jumping = max(self._jumping - 1, 0)
         self.undecided = self.undecided and abs(self.log_odds) < -REFUTED
 
