@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from copy import deepcopy
 from dataclasses import replace
@@ -182,6 +183,23 @@ def test_a_compass_turns_the_pose_only_after_some_time() -> None:
     assert compared(end, math.pi, 20.0).is_refuted
     end.swap_ends()
     assert end.probability > 0.8
+
+
+def test_a_compass_that_agrees_while_the_robot_turns_works_again_where_its_end_is_known() -> None:
+    """Noisy for five seconds, then right for twenty, of a robot that turns or drives on; then its end is open."""
+    odds = {}
+    for known, rate in itertools.product((True, False), (1.0, 0.0)):
+        end = found(known, 0.0)
+        for k in range(350):
+            error_rad = 2.5 * (-1) ** k if 100 <= k < 150 else 0.0
+            end.update_from_compass(error_rad, 0.1, 0.1 * k * rate)
+        end.leave_open()
+        for _ in range(20):
+            end.update_from_compass(0.0, 0.1, 0.0)
+        odds[known, rate] = end.log_odds
+    assert odds[True, 1.0] > 3.0
+    assert max(odds[True, 0.0], odds[False, 0.0]) < 2.0
+    assert odds[False, 1.0] == odds[False, 0.0]
 
 
 def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None:

@@ -140,11 +140,11 @@ class CompassFaultFilter:
 @njit(cache=True)
 def _followed(states, elapsed_s, agrees, likely, chance):  # type: ignore[no-untyped-def]
     """States after a time and a reading; agrees: with an end, which a failed compass does by chance, as long as the
-    robot does not turn; likely: the reading in each state; chance: that one which has failed agrees with the right end.
+    robot does not turn; likely: the reading in each state; chance: that one which has failed shows it.
     """
     ends, ends_since, failing = elapsed_s / FAULT_S, elapsed_s / SEEN_FAULT_S, elapsed_s / FAULT_EVERY_S
-    lasts = (1.0 - ends) * (math.exp(-ends) if agrees else 1.0)  # and shows what it has shown
-    lasts_since = (1.0 - ends_since) * (math.exp(-ends_since) if agrees else 1.0)
+    lasts = chance * (1.0 - ends) * (math.exp(-ends) if agrees else 1.0)  # and shows what it has shown
+    lasts_since = chance * (1.0 - ends_since) * (math.exp(-ends_since) if agrees else 1.0)
     (a, b, c), (d, e, f) = states
     right = (
         a * (1.0 - failing) + ends * b + ends_since * c,
