@@ -362,14 +362,15 @@ class Bank:
 
     def _update_from_team(self, evidence: Sequence[Evidence]) -> None:
         """Weigh the members by the evidence of others, a pose and its twin alike; all who are unknown count as one."""
-        for one in self.members if evidence else ():
+        if not evidence:
+            return
+        for one in self.members:
             ends = (one.filter.pose, one.filter.pose.mirrored())
             each = [(max(said.log_likelihood(end) for end in ends), said.known) for said in evidence]
             unknown = [gain for gain, known in each if not known]
             gain = sum(gain for gain, known in each if known) + (sum(unknown) / len(unknown) if unknown else 0.0)
             one.log_odds += gain / REPEATED_IMAGES
-        if evidence:
-            self._settle(self.members)
+        self._settle(self.members)
 
     def _settle(self, members: Iterable[Member]) -> None:
         """The likeliest, those that have come together taken for one. The log-odds of the first are 0 then."""

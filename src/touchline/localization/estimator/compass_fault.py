@@ -22,9 +22,7 @@ UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass i
 MAX_S = 0.2  # between two images, as far as it counts: readings in a pause are unknown
 MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it does not count in the search of a lost robot
-CHANCE_RAD = (
-    1.5  # turn of a robot over which a failed compass agrees by chance: stuck or turned, it does not turn along
-)
+CHANCE_RAD = 1.5  # turn over which a failed compass agrees by chance: stuck or turned, it does not turn along
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
 # columns a compass that works, had failed, has failed since; rows right and wrong end. NumPy takes several times longer
 EndStates = tuple[float, float, float]
@@ -146,11 +144,7 @@ def _followed(states, elapsed_s, agrees, likely, chance):  # type: ignore[no-unt
     lasts = chance * (1.0 - ends) * (math.exp(-ends) if agrees else 1.0)  # and shows what it has shown
     lasts_since = chance * (1.0 - ends_since) * (math.exp(-ends_since) if agrees else 1.0)
     (a, b, c), (d, e, f) = states
-    right = (
-        a * (1.0 - failing) + ends * b + ends_since * c,
-        chance * lasts * b,
-        chance * (a * failing + c) * lasts_since,
-    )
+    right = a * (1.0 - failing) + ends * b + ends_since * c, lasts * b, (a * failing + c) * lasts_since
     wrong = d * (1.0 - failing) + ends * e + ends_since * f, lasts * e, (d * failing + f) * lasts_since
     return _bounded(_weighed((right, wrong), likely))
 

@@ -37,7 +37,7 @@ _LAGS_NS = np.rint(1e9 * LAGS_S).astype(np.int64)
 NAMED_GAIN = 8.0  # from which an explanation is named
 REFUTING_LOSS = 20.0  # cost by which a delay that is corrected is refuted
 REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which it is over
-OUTLIER_COST = 3.0  # of a step to an image that may be an outlier: two of a hundred right ones cost more
+OUTLIER_COST = 3.0  # of a step that waits: one in nine does where all is Gaussian, and only waits
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
 ARRIVED = 10.0  # log-odds for a lag by which images come otherwise than before
@@ -426,7 +426,8 @@ class MotionRelation:
 
     def _excess(self, cost: float, last: Sighting, sighting: Sighting) -> float:
         """Of a step's cost above what is usual, as much as it adds to the sum."""
-        more = (cost - USUAL_COST) * min(1e-8 * (sighting.stamp_ns - last.stamp_ns), 2.0)
+        seconds = 1e-9 * (sighting.stamp_ns - last.stamp_ns)
+        more = (cost - USUAL_COST) * min(seconds / 0.1, 2.0)
         return min(more, MAX_COST - USUAL_COST) if self.all_round else more  # a shove is one, however long its step
 
     def _fill_lags(self) -> None:

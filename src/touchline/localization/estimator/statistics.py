@@ -70,9 +70,8 @@ class CameraErrorStatistics:
         freedom, lean2 = degrees_of_freedom_and_lean(
             self.per_image, expected.information, fit.information, fit.state - expected.mean
         )
-        free = max(
-            float(np.add.reduce(seen.shares)) * self.noise / seen.noise, 1.0
-        )  # points, where they err as they state
+        # points, where they err as they state
+        free = max(float(np.add.reduce(seen.shares)) * self.noise / seen.noise, 1.0)
         free /= max(free - freedom, 0.25 * free)
         noise = min(max(free * fit.noise / USUAL_NOISE, self.errors.trust.min_noise), MAX_NOISE)
         self.noise += GAIN * (noise - self.noise)
