@@ -247,7 +247,7 @@ class Touchline:
             self.end_judge.forget_start()
             self.judged.reset(tracking=False)
         self.followed = self.bank.best
-        self.predicted = Predicted.of(self.followed)
+        self.predicted = Predicted.of(self.followed, self.safeguard.verdict.images and self.safeguard.verdict.odometry)
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
 
     def _observe(self, frame: Frame) -> tuple[Frame, Observation]:
@@ -336,8 +336,8 @@ class Touchline:
 
     def _judge_sensors(self, frame: Frame, image: Image) -> None:
         """Whether images and odometry are trusted."""
-        followed = None if self.followed is None else self.predicted.pose
-        jump = jump_of(self.bank.best, followed, expected=self.relocation.whereabouts is not None)
+        predicted = None if self.followed is None else self.predicted
+        jump = jump_of(self.bank.best, predicted, expected=self.relocation.whereabouts is not None)
         self.problems += self.safeguard.update(
             frame.stamp_ns, image, self.bank, self.end, self.history, self.delay, jump
         )

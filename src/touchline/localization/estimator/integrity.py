@@ -92,10 +92,13 @@ class Verdict(NamedTuple):
 
 
 class Jump(NamedTuple):
-    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away."""
+    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away;
+    keeps_end: whether a robot that was expected there may be, and not at its twin.
+    """
 
     predicted: Pose | None
     elsewhere: bool
+    keeps_end: bool = False
 
 
 ALL_WELL = Verdict(True, True)
@@ -474,11 +477,14 @@ class Integrity:
 
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
+        over = bool(self.verdict.reason) and self.relation.agrees
+        if over and not self.relation.all_round:  # a mirror's window is over within seconds
+            self.relation.forget_fault()
         statistics = self.statistics = self._measured()
         self._worst = max(_but(statistics, CAMERA).values())
         if self._worst >= 1.0:
             self._raise(statistics)
-        elif self.verdict.reason and self.relation.agrees:
+        elif over:
             self.verdict = ALL_WELL
 
     def _raise(self, statistics: dict[str, float]) -> None:

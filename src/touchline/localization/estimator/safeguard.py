@@ -5,16 +5,16 @@ fault, carried on by the odometry, until they are consistent again; then the pos
 the field that is nearer to it. Stamps distrusted: the delay that explains them is taken, or none is learned.
 """
 
-import math
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.estimator.bank import ALLOWED, Bank, Image, Member, could_be_shove
 from touchline.localization.estimator.believed import Believed
+from touchline.localization.estimator.end_judge import MISTRUSTED, Predicted
 from touchline.localization.estimator.field_end import EndMemory, FieldEnd
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.integrity import ALL_WELL, Integrity, Jump, Verdict
@@ -22,7 +22,7 @@ from touchline.localization.estimator.pose_status import PoseStatus
 from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.registration import Registration
 from touchline.motion import MotionHistory
-from touchline.motion.delayed import Delayed, delayed, moving
+from touchline.motion.delayed import Delayed, delayed, moving, with_signs
 from touchline.types import Hypothesis, Status
 
 KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one is taken: an alarm comes so late
@@ -30,7 +30,7 @@ NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
 CLOCK_S = 0.2  # of a delay that a jump of the pose may take back: a clock was set; a shove makes smaller ones
 CLEARLY = 4.0  # squared Mahalanobis distance by which one end is nearer to the pose that was held
 MAX_LOST_S = 5.0  # after which a pose that was lost says nothing of where one that is found may be
-MAX_HELD_S = 60.0  # for which a pose is carried: then it tells no end
+HELD_TWICE_S = 60.0  # for which a pose is carried until it may be off by twice as much as at first
 
 
 class Kept(NamedTuple):
@@ -65,6 +65,7 @@ class Safeguard:
         self._kept: deque[Kept] = deque(maxlen=8)
         self.held: Filter | None = None
         self._held_since_ns = 0
+        self._same_end = True  # as the held pose, that images have shown since
 
     @property
     def verdict(self) -> Verdict:
@@ -72,9 +73,14 @@ class Safeguard:
         return self.integrity.verdict
 
     def motion(self, history: MotionHistory, span_ns: tuple[int, int], late_s: float) -> Delayed:
-        """Since the last image: by the odometry, or, where that is distrusted, as the images told until then."""
+        """Since the last image: by the odometry; where that is distrusted, with its signs put right, if they explain
+        all, or as the images told until then.
+        """
         if self.verdict.odometry:
             return delayed(history, *span_ns, late_s)
+        signs = self.integrity.relation.signs
+        if signs is not None:
+            return with_signs(delayed(history, *span_ns, late_s), signs, 1e-9 * (span_ns[1] - span_ns[0]))
         return moving(self.integrity.motion.velocity, 1e-9 * (span_ns[1] - span_ns[0]), late_s)
 
     def carry(self, moved: Delayed, seconds: float) -> None:
@@ -110,8 +116,9 @@ class Safeguard:
             bank.take_delay(0.0, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
             return ()
+        self._same_end &= jump.keeps_end
         if before.images and not verdict.images:
-            self._hold(stamp_ns, end, history, delay.corrected_s)
+            self._hold(stamp_ns, bank, end, history, delay.corrected_s)
         elif before.odometry and not verdict.odometry:
             self._forget_odometry(bank)
         elif verdict.images and self.held is not None:
@@ -156,7 +163,7 @@ class Safeguard:
         kept = next((one for one in self._kept if stamp_ns - one.stamp_ns < 1e9 * MAX_LOST_S), None)
         return None if kept is None else kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s)).pose
 
-    def _hold(self, stamp_ns: int, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
+    def _hold(self, stamp_ns: int, bank: Bank, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
         """Go back to before the fault, as far as it is known when that was."""
         if not self._kept:
             return
@@ -166,6 +173,7 @@ class Safeguard:
         if stamp_ns - kept.stamp_ns < 1e9 * MAX_LOST_S:
             self.held = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
             self._held_since_ns = stamp_ns
+            self._same_end = bank.best is not None and self._may_be(self.held, 0.0).allows(bank.best.filter.pose)
             end.recall(kept.end)
             self._kept.clear()
 
@@ -174,17 +182,20 @@ class Safeguard:
         held, best, self.held = self.held, bank.best, None
         if held is None or best is None:
             return
-        if stamp_ns - self._held_since_ns > 1e9 * MAX_HELD_S:
-            end.leave_open()
-            return
-        here, there = (_distance2(pose, held, best.filter) for pose in (best.filter.pose, best.filter.pose.mirrored()))
-        if end.symmetric and there < here:
-            bank.swap_ends()
-        if min(here, there) > ALLOWED or (end.symmetric and abs(here - there) < CLEARLY):
-            end.leave_open()
+        if self.verdict.odometry or not self._same_end:  # else it was the odometry, and the images never to blame
+            here, there = self._may_be(held, 1e-9 * (stamp_ns - self._held_since_ns)).distances2(best.filter.pose)
+            if end.symmetric and there < here:
+                bank.swap_ends()
+            if min(here, there) > ALLOWED or (end.symmetric and abs(here - there) < CLEARLY):
+                end.leave_open()
         assert bank.best is not None
         bank.reset(held.placed(bank.best.filter.pose, bank.best.filter.covariance))
         bank.confirmed = True
+
+    @staticmethod
+    def _may_be(held: Filter, seconds: float) -> Predicted:
+        """Where the robot may be by a pose that has been carried for so long."""
+        return Predicted(held.pose.as_array(), held.covariance + MISTRUSTED * (1.0 + seconds / HELD_TWICE_S) ** 2)
 
     def _forget_odometry(self, bank: Bank) -> None:
         """What the fault has taught of scales, delay and camera."""
@@ -194,16 +205,9 @@ class Safeguard:
                 one.filter = before.placed(one.filter.pose, one.filter.covariance)
 
 
-def _distance2(pose: Pose, held: Filter, seen: Filter) -> float:
-    off: FloatArray = pose.as_array() - held.pose.as_array()
-    off[2] = wrap_angle(float(off[2]))
-    distance2 = float(off @ np.linalg.solve(held.covariance + seen.covariance, off))
-    return distance2 if math.isfinite(distance2) else math.inf
-
-
-def jump_of(best: Member | None, predicted: FloatArray | None, expected: bool) -> Jump:
-    """From the pose (3,) that was predicted, if one was followed. expected: something has moved the robot unseen."""
-    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose.as_array() - predicted)
+def jump_of(best: Member | None, predicted: Predicted | None, expected: bool) -> Jump:
+    """From the pose that was predicted, if one was followed. expected: something has moved the robot unseen."""
+    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose.as_array() - predicted.pose)
     if predicted is None or (elsewhere and expected):
         return Jump(None, True)
-    return Jump(Pose(*predicted.tolist()), elsewhere)
+    return Jump(as_pose(predicted.pose), elsewhere, best is not None and predicted.allows(best.filter.pose))
