@@ -324,7 +324,8 @@ class Touchline:
         moved_log_odds = self.relocation.end_log_odds(self.bank, self.followed)
         if moved_log_odds is not None:
             end.take_prior(moved_log_odds, self.relocation.end_was_open)
-        if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
+        believed = self.safeguard.integrity.is_believed and self.judged.is_consistent(self.bank)
+        if believed:  # a doubtful pose does not test a compass
             pose = best.filter.pose
             end.update_from_compass(compass_error(pose, compass_rad), seconds, pose.heading)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends

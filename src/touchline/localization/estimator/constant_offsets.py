@@ -217,6 +217,11 @@ class ConstantOffsets:
         self._newest_ns = 0
         self._begin(np.zeros(3) if start is None else start.as_array(), covariance)
 
+    def begin_again(self) -> None:
+        """Images are trusted again: those that were not have told nothing if less is known by now than at first."""
+        if (np.diag(self._joint)[TURNED:] > AT_FIRST**2).any():
+            self.reset()
+
     def update(self, sighting: Sighting, history: MotionHistory, steps: StepNoise, late_s: float) -> None:
         """Take a pose by an image alone. steps: noise of the odometry; late_s: as how late images are corrected."""
         if self._stamp_ns is not None:

@@ -81,7 +81,8 @@ NOWHERE = Pose(0.0, 0.0, 0.0)
 
 class Verdict(NamedTuple):
     """Whether images, and the odometry, are trusted; the reason, empty where both are; how late images are stamped,
-    where that explains everything; since_ns: when the fault began, where that is known.
+    where that explains everything; since_ns: when the fault began, where that is known; is_guess: whether nothing says
+    which of images and odometry is to blame.
     """
 
     images: bool
@@ -89,6 +90,7 @@ class Verdict(NamedTuple):
     reason: str = ""
     late_s: float | None = None
     since_ns: int | None = None
+    is_guess: bool = False
 
 
 class Jump(NamedTuple):
@@ -499,7 +501,8 @@ class Integrity:
         elif not self.verdict.reason or (self.relation.is_explained and self.relation.contradicts):
             explanation = self.relation.blame()
             odometry = explanation.culprit is Culprit.ODOMETRY
-            self.verdict = Verdict(odometry, not odometry, explanation.text, self.relation.late_s)
+            is_guess = not self.relation.is_explained
+            self.verdict = Verdict(odometry, not odometry, explanation.text, self.relation.late_s, is_guess=is_guess)
 
     def _image_reason(self, name: str) -> str:
         if name == "carpet":

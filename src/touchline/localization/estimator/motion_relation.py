@@ -463,13 +463,16 @@ class MotionRelation:
 
     def _likeliest(self, gains: FloatArray) -> int:
         """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
-        that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not.
+        that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not. What was
+        named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
         """
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         if best >= count:
             return best
         images, odometry = self._gyro_agrees()
         by_images = self._unbroken < WINDOW
+        if self._alarmed is not None and self._alarmed[0] < count:
+            by_images = bool(_BY_IMAGES[self._alarmed[0]])
         if min(images, odometry) < 0.5 * max(images, odometry) and max(images, odometry) > SIGMA_RAD:
             by_images = odometry < images
         of_culprit = np.where(by_images == _BY_IMAGES, gains[:count], -np.inf)
