@@ -72,7 +72,7 @@ ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
 # at the first image through a camera of which roll and pitch are known to worse than so much: the next one shows
 FIRST_ALERT_M, ASKEW_RAD = 0.5, 0.035
 ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
-UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
+UNSEEN_M, UNSEEN_RATIO = 0.05, 2.0  # way without an image from which a bound grows: the odometry's sign might be wrong
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
