@@ -3,6 +3,7 @@ green fades they are learned again.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -55,16 +56,17 @@ class ColourMemory:
         """Whether the next image is to be learned from."""
         return self._kept is None and len(self._images) < self._frames
 
-    def learn(self, image: ImageArray, near: BoolArray, around: BoolArray) -> None:
+    def learn(self, image: ImageArray, masks: Callable[[], tuple[BoolArray, BoolArray]]) -> None:
         """Learn from an image (H, W, 3): the first serves at once, all together once they are there.
 
-        near, around: as in `learn_classes`. Raises NoCarpetError where no carpet is seen and no colours are known.
+        masks: makes near and around of `learn_classes`. Raises NoCarpetError where no carpet is seen and no colours are
+        known.
         """
         self._images.append(image)
         if len(self._images) not in (1, self._frames):
             return
         try:
-            self.classes = self._learned = learn_classes(self._images, near, around, self._yuv)
+            self.classes = self._learned = learn_classes(self._images, *masks(), self._yuv)
             self._tint = NO_TINT
         except NoCarpetError:
             self._images.pop()
