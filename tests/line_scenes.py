@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from touchline.calibration.nearest_line import outward
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 
@@ -43,6 +44,16 @@ def lone_line(length: float = 18.0) -> FieldModel:
         name="lone-line", length=length, width=12.0, line_width=0.125,
         segments=np.array([[-length / 2, 0.0, length / 2, 0.0]]),
     )  # fmt: skip
+
+
+def along_edges(field: FieldModel) -> FieldModel:
+    """The field as a file may have it that holds the outer edges of its lines, not their middles."""
+    half, segments, circles = 0.5 * field.line_width, field.segments.copy(), field.circles.copy()
+    along = segments[:, 2:] - segments[:, :2]
+    normal = np.column_stack((-along[:, 1], along[:, 0])) / np.hypot(*along.T)[:, np.newaxis]
+    segments += np.tile(half * outward(field.line_tables)[: len(segments), np.newaxis] * normal, 2)
+    circles[:, 2] += half
+    return replace(field, segments=segments, circles=circles)
 
 
 def view(

@@ -117,7 +117,7 @@ def test_faint_lines_are_left_out_beside_strong_ones_only() -> None:
 
 def test_colours_are_learned_again_when_the_green_fades() -> None:
     memory = ColourMemory(None, 1, yuv=False)
-    memory.learn(worn_field(), everywhere(), everywhere())
+    memory.learn(worn_field(), lambda: (everywhere(), everywhere()))
     assert not memory.is_learning
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
     horizon = np.ones((30, 40), dtype=np.bool_)
@@ -129,14 +129,14 @@ def test_colours_are_learned_again_when_the_green_fades() -> None:
     assert not memory.is_learning
     memory.watch(counts, horizon, np.full(40, 30.0))
     assert memory.is_learning
-    memory.learn(worn_field((30, 60, 50)), everywhere(), everywhere())
+    memory.learn(worn_field((30, 60, 50)), lambda: (everywhere(), everywhere()))
     assert memory.classes is not None
     np.testing.assert_allclose(memory.classes.model.green, (30, 60, 50), atol=3.0)
 
 
 def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
     memory, usual = ColourMemory(None, 1, yuv=False), worn_field()
-    memory.learn(usual, everywhere(), everywhere())
+    memory.learn(usual, lambda: (everywhere(), everywhere()))
     learned = memory.classes
     assert learned is not None
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
@@ -155,7 +155,7 @@ def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
 def test_a_carpet_without_blue_and_red_is_followed() -> None:
     """A simulator's pure green: where a channel shows nothing its tint is as strong as any is taken to be."""
     memory, usual = ColourMemory(None, 1, yuv=False), worn_field((0, 150, 0))
-    memory.learn(usual, everywhere(), everywhere())
+    memory.learn(usual, lambda: (everywhere(), everywhere()))
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
     counts[GREEN] = FULL
     memory.watch(counts, np.ones((30, 40), dtype=np.bool_), np.full(40, 20.0))

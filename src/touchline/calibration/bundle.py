@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray, IndexArray
 
 _STEPS, _SETTLED = 60, 1e-3  # of Levenberg and Marquardt: at most so many, and the gain at which they end
 _MIN_DAMPING, _MAX_DAMPING = 1e-7, 1e5
-_SINGULAR = (
+SINGULAR = (
     "what was seen leaves the camera open: no single calibration explains it best. Are the points line points of this "
     "field, from an image in which several lines are seen?"
 )
@@ -85,7 +85,7 @@ class NormalEquations:
         try:
             self._factors = splu(self.matrix, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
         except RuntimeError:  # exactly singular, or not finite
-            raise NoFitError(_SINGULAR) from None
+            raise NoFitError(SINGULAR) from None
 
     def step(self, gradient: FloatArray | None = None) -> FloatArray:
         """The Gauss-Newton step (P,), or that of another gradient, (P,) or several of them (P, G)."""

@@ -29,6 +29,15 @@ class NearestLine(NamedTuple):
         return np.where(self.is_beyond, 0.0, np.sign(self.distance_m))
 
 
+def outward(tables: LineTables) -> FloatArray:
+    """(L,) on which side (1, -1) of a line its outer edge is: that of the field, of an area or of a circle."""
+    x, y, dx, dy, _ = tables.segments.T
+    wide = np.maximum(np.abs(x), np.abs(x + dx))
+    front = (np.abs(dx) < np.abs(dy)) & (wide < wide.max(initial=0.0) - _ROUNDED_M)  # of an area: towards the middle
+    side = np.sign(np.round(dx * (2.0 * y + dy) - dy * (2.0 * x + dx), 6))
+    return np.concatenate((np.where(front, -side, side), np.ones(len(tables.arcs))))
+
+
 def nearest_line(tables: LineTables, places: FloatArray) -> NearestLine:
     """The lines that places (N, 2), field frame (m), are nearest to."""
     segments, arcs = tables

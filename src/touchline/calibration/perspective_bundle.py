@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block, residual_block
-from touchline.calibration.nearest_line import nearest_line
+from touchline.calibration.nearest_line import nearest_line, outward
 from touchline.camera import FisheyeCamera, PerspectiveCamera, PinholeCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -109,7 +109,7 @@ class _Bundle:
 
     def __init__(self, views: Sequence[PerspectiveView], field: FieldModel, model: str, size: tuple[int, int]) -> None:
         self.views, self.model, self.size, self._tables = views, model, size, field.line_tables
-        self.outward = _outward(field)
+        self.outward = outward(field.line_tables)
         self.shared, self.own = entries(_CAMERA + len(self.outward) + 1, len(views), _OWN)
         self.camera, self.paint = self.shared[:_CAMERA], self.shared[_CAMERA:]
 
@@ -163,15 +163,6 @@ class _Bundle:
             moved[j] += _STEP
             rows[:, j] = np.nan_to_num(((self.ground(one.pixels, moved) - one.ground) * one.normal).sum(axis=1)) / _STEP
         return np.hstack((rows, one.aside))
-
-
-def _outward(field: FieldModel) -> FloatArray:
-    """(L,) to which side of its normal (1, -1) each line's outer edge is: that of the field, an area or a circle."""
-    x1, y1, x2, y2 = field.segments.T
-    across = np.abs(x2 - x1) < np.abs(y2 - y1)
-    front = across & (np.abs(x1) < np.abs(x1).max(initial=0.0) - 1e-6)  # of an area: outside is towards the middle
-    side = np.sign(np.round((y1 - y2) * (x1 + x2) + (x2 - x1) * (y1 + y2), 6))
-    return np.concatenate((np.where(front, -side, side), np.ones(len(field.circles) + len(field.arcs))))
 
 
 def fit_perspective(

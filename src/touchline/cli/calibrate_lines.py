@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from touchline.types import ImageArray
 
 MODELS = "omni", "pinhole", "fisheye"
+_SURELY, _EDGE = 3.0, 0.25  # standard deviations, and of a line's width: from there on lines lie elsewhere than told
 _HANDEDNESS = (
     "1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, and said."
 )
@@ -225,6 +226,12 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
         f"(± {100 * doubt[0]:.0f} %) to {ends[1]:.1f} m (± {100 * doubt[1]:.0f} %).\n"
     )
     text += f"The mirror leans by about {leans:.2f}° (± {doubt_deg:.2f} per axis). "
+    edge_m, edge_sigma_m = sure.edge_m
+    if abs(edge_m) > max(_SURELY * edge_sigma_m, _EDGE * field.line_width):
+        where, because = ("in", "the field's file may hold their outer edges")
+        if edge_m > 0.0:
+            where, because = ("out", "their middles may have been laid where the rules have their outer edges")
+        text += f"All lines lie {100 * abs(edge_m):.1f} cm (± {100 * edge_sigma_m:.1f}) further {where}: {because}. "
     if lines.spot_m is not None:
         text += "The robot turned on the spot: its axis is the origin.\n"
     else:

@@ -74,7 +74,8 @@ class _Cluster:
         from distributed import as_completed as completed_there
 
         futures = self._client.map(function, tasks, pure=False)
-        for _, result in completed_there(futures, loop=self._client.loop, with_results=True):
+        for future, result in completed_there(futures, loop=self._client.loop, with_results=True):
+            future.release()  # the cluster need not keep it until the last one is there
             yield result
 
 

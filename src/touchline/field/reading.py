@@ -1,5 +1,6 @@
 """field.yaml: read, checked and written. See docs/how-to-field.md."""
 
+import functools
 import math
 from dataclasses import fields
 from pathlib import Path
@@ -19,14 +20,21 @@ _KNOWN = ("name", "description", *_SIZES, "border", "letters", *COLUMNS, "goals"
 def load_field(path: Path) -> FieldModel:
     """The field of a field.yaml. Rows of lines, goals and poles are optional; unknown keys are refused unless text.
 
+    The same field again is the same model, whose maps are there already.
     Raises InputError naming the file, the line, the key and the row of what is wrong.
     """
     mapping = read_yaml_mapping(path)
     try:
-        return _field_from_mapping(mapping, default_name=path.stem)
+        field = _field_from_mapping(mapping, default_name=path.stem)
     except InputError as error:
         key, _, rest = str(error).partition(":")
         raise InputError(f"{path}{_line_of(path, key)}: {key}:{rest}") from None
+    return _first_of_equal(field, field.description, tuple(field.letters.items()))
+
+
+@functools.lru_cache(maxsize=2)
+def _first_of_equal(field: FieldModel, *_of_no_equality: object) -> FieldModel:
+    return field
 
 
 def _field_from_mapping(mapping: dict[str, Any], default_name: str) -> FieldModel:

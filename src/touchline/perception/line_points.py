@@ -279,7 +279,7 @@ class LinePointDetector:
         self.body, self._own = body, np.flatnonzero(self.scan_lines.at_samples(body))
 
     def _ring(self, inner_px: float, outer_px: float) -> BoolArray:
-        v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
+        v, u = np.ogrid[0 : self.camera.height, 0 : self.camera.width]
         radius = np.hypot(u - self.camera.center[0], v - self.camera.center[1])
         return (radius > inner_px) & (radius < outer_px)
 
@@ -338,7 +338,7 @@ def _bands(mask: BoolArray, widest_px: float) -> BoolArray:
     depth = cv2.distanceTransform(narrow.astype(np.uint8), cv2.DIST_L2, 3)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(narrow.astype(np.uint8))
     width = np.zeros(count)
-    np.maximum.at(width, labels.ravel().astype(np.intp), 2.0 * depth.ravel())
+    np.maximum.at(width, labels[narrow].astype(np.intp), 2.0 * depth[narrow])
     long = stats[:, cv2.CC_STAT_AREA] >= BAND * width**2
     long[0] = False
     return long[labels]

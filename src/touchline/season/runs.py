@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from touchline.api import prepare
 from touchline.errors import InputError, TouchlineError
+from touchline.evaluation.estimates import EstimateTable
+from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import new_folder
 from touchline.evaluation.workers import Workers
 from touchline.files.new import replace_file
@@ -92,40 +95,59 @@ def localize_all(
             continue
         rows.pop(name, None)
         tasks.append(Task(recording, f"{output}/{name}" if away else str(folder / name), command))
-    for done, row in enumerate(workers.unordered(localize_one, tasks), start=1):
+    targets = {task.recording: task.target for task in tasks}
+    for done, (row, estimates) in enumerate(workers.unordered(localize_one, tasks), start=1):
         row = {**row, "inputs": prints[row["recording"]]}
+        try:
+            if estimates is not None:
+                _place(targets[row["recording"]], partial(write_estimates, table=estimates))
+        except TouchlineError as error:
+            row["failure"] = row["failure"] or str(error)
         rows[row["run"]] = row
         journal.append(row)
         on_row(row, len(tasks) - done)
     found = [rows[name] for name in names]
-    write_runs(folder, found)
-    if away:
-        with TemporaryDirectory() as scratch:
-            write_runs(Path(scratch), found)
-            for path in Path(scratch).iterdir():
-                keep(path, f"{output}/{path.name}")
+    for place in {str(folder), output}:
+        _place(place, partial(write_runs, rows=found))
     return found
 
 
-def localize_one(task: Task) -> Row:
-    """Localise one recording; what goes wrong is its row's `failure`, the others go on."""
+def _place(target: str, write: Callable[[Path], None]) -> None:
+    """What `write` puts into a folder, in the folder or below the address that is meant."""
+    if not is_address(target):
+        write(Path(target))
+        return
+    with TemporaryDirectory() as scratch:
+        write(Path(scratch))
+        for path in Path(scratch).iterdir():
+            keep(path, f"{target}/{path.name}")
+
+
+def localize_one(task: Task) -> tuple[Row, EstimateTable | None]:
+    """Localise one recording; what goes wrong is its row's `failure`, the others go on.
+
+    Of its estimates a table is made by who asked: pyarrow takes 45 MB, which not each worker needs.
+    """
+    estimates = None
     command, name = task.command, task.target.rsplit("/", 1)[-1]
     row: Row = {"run": name, "recording": task.recording, "failure": ""}
     try:
         with at_hand(task.recording) as path, TemporaryDirectory() as scratch:
             folder = Path(scratch) / name if is_address(task.target) else Path(task.target)
             shutil.rmtree(folder, ignore_errors=True)  # begun and not finished, or of inputs that have changed
-            row |= _localized(path, folder, command)
+            finished, failure = _localized(path, folder, command)
+            row |= _finished_row(finished, failure)
             if is_address(task.target):
                 keep(folder, task.target)
+            estimates = finished.estimates
     except TouchlineError as error:
         row["failure"] = str(error)
     except Exception as error:  # a fault of a system, or of one recording's decoder: a row, and not the end
         row["failure"] = unexpected(error)
-    return row
+    return row, estimates
 
 
-def _localized(path: Path, folder: Path, command: Command) -> Row:
+def _localized(path: Path, folder: Path, command: Command) -> tuple[Run, BaseException | None]:
     source = open_source(path, command.follow_links, BagOptions.from_dict(dict(command.bag) or None))
     prepared = prepare(
         source, command.system, prior=Prior(own_half=command.own_half), config=command.config,
@@ -137,8 +159,10 @@ def _localized(path: Path, folder: Path, command: Command) -> Row:
         return command.report == "all" or lost or summary["failure"] is not None
 
     report = None if command.report == "none" else wants_report
-    finished, failure = prepared.execute(new_folder(folder, folder.name), report=report)
-    write_estimates(folder, finished.estimates)
+    return prepared.execute(new_folder(folder, folder.name), report=report)
+
+
+def _finished_row(finished: Run, failure: BaseException | None) -> Row:
     row = row_of(finished)
     if failure is not None:
         row["failure"] = f"{type(failure).__name__}: {failure}"

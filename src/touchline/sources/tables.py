@@ -128,7 +128,7 @@ def read_blocks(table: Table, names: Sequence[str], log: ProblemLog, optional: C
     """
     wanted = [table.columns[name] for name in names]
     for lines in read_lines(table):
-        values = _parse_clean(lines, table.width)
+        values = parse_clean(lines, table.width)
         if values is not None:
             picked = values[:, wanted]
             sizes = np.abs(picked)  # a comparison with NaN is False
@@ -201,7 +201,7 @@ def to_stamps(times_s: FloatArray) -> StampArray:
     return np.rint(times_s * 1e9).astype(np.int64)
 
 
-def _parse_clean(lines: Sequence[Line], width: int) -> FloatArray | None:
+def parse_clean(lines: Sequence[Line], width: int) -> FloatArray | None:
     """All columns of well-formed rows at once; None if any row isn't."""
     try:
         values = np.loadtxt([line.text for line in lines], delimiter=",", comments=None, ndmin=2)  # read already

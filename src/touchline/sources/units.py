@@ -1,12 +1,12 @@
 """Numbers in another unit than the format's: told by their size, as no robot could have measured them otherwise."""
 
-from itertools import chain, islice
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from touchline.geometry import FloatArray
-from touchline.sources.tables import Table, read_lines, to_number
+from touchline.sources.tables import Line, Table, parse_clean, read_lines, to_number
 
 TIME_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _EPOCH_S = (1e9, 4e9)  # the years 2001 to 2096
@@ -16,12 +16,25 @@ HEAD_ROWS = 3000  # one minute of a sensor
 def first_rows(table: Table, names: tuple[str, ...], count: int = HEAD_ROWS) -> FloatArray:
     """(N, k) the numbers of a table's first rows as they stand there, of any size; NaN where a cell is no number."""
     wanted = [table.columns[name] for name in names]
+    blocks: list[FloatArray] = [np.empty((0, len(names)))]
+    found = 0
+    for lines in read_lines(table):
+        values = parse_clean(lines, table.width)
+        blocks.append(_cells(lines, wanted) if values is None else values[:, wanted])
+        found += len(lines)
+        if found >= count:
+            break
+    return np.concatenate(blocks)[:count]
+
+
+def _cells(lines: Sequence[Line], wanted: Sequence[int]) -> FloatArray:
+    """(N, k) as `first_rows`, where not every line is a row of numbers."""
     rows: list[list[float]] = []
-    for line in islice(chain.from_iterable(read_lines(table)), count):
+    for line in lines:
         cells = line.text.split(",")
         numbers = (to_number(cells[at].strip()) if at < len(cells) else None for at in wanted)
         rows.append([np.nan if number is None else number for number in numbers])
-    return np.array(rows, dtype=np.float64).reshape(-1, len(names))
+    return np.array(rows, dtype=np.float64)
 
 
 def time_unit(times: npt.ArrayLike, shortest_s: float, longest_s: float) -> str | None:

@@ -29,11 +29,8 @@ _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
 _MAX_ORIGIN_M = 0.15
 _MAP_M, _BEYOND_M = 0.05, 3.0
 _ONE_ROBOT = "Are all images of one robot, its mirror not touched meanwhile? Calibrate each robot by its own images"
-_FEW = 0.4  # of the points that the images show in the median: an image with fewer may just be badly lit
-_BADLY_SEEN = (
-    "It shows far fewer line points than the others: its light, or a view that is not free, is the likelier cause. "
-    "Leave it out or take it again"
-)
+_FEW, _FEW_POINTS = 0.4, 60  # of the images' median, or in all: with fewer an image may just be badly lit
+_BADLY_SEEN = "It shows few line points: bad light, or a view that is not free, is likelier. Leave it out or retake it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +115,7 @@ def refined(
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
     tangent = fit_in_steps(seen, level, expected, lines)
     seen = _without_marks(seen, tangent, lines, field)
-    found = fit_curve(seen, tangent, expected, lines)
+    found = fit_curve(seen, tangent, expected, lines, 0.5 * field.line_width)
     fit, upright = found.fit, held_upright(found, level, seen, lines)
     certainty = certainty_of(found, seen, lines)
     certainty = certainty._replace(center_px=certainty_of(upright, seen, lines).center_px)
@@ -161,12 +158,12 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
         )
     for number, (one, points) in enumerate(zip(calibration.alone, calibration.pixels, strict=False), start=1):
         if one.is_another:
-            few = len(points) < _FEW * float(np.median([len(each) for each in calibration.pixels]))
+            few = len(points) < max(_FEW * np.median([len(each) for each in calibration.pixels]), _FEW_POINTS)
             raise NoFitError(f"image {number} ({len(points)} points) {one}. {_BADLY_SEEN if few else _ONE_ROBOT}")
     if whole_view and calibration.lines_seen < MIN_LINES_SEEN:
         raise NoFitError(
             f"only {100 * calibration.lines_seen:.0f} % of the lines that should be in view are seen with the best "
-            "mirror. Is it the right field? Is the view free?"
+            "mirror. Is it the right field? Is the view free, is there light enough?"
         )
     if lead < MIN_LEAD:
         raise NoFitError(
@@ -179,8 +176,9 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
             f"the lines leave the mirror's centre uncertain by ± {center:.1f} px: take several images, best while the "
             "robot turns on the spot"
         )
-    if (ratio := calibration.range_ratio) > MAX_RANGE_RATIO:
-        raise NoFitError(f"the lines leave ranges uncertain by ± {100 * ratio:.0f} %: more lines must be in view")
+    if not (ratio := calibration.range_ratio) <= MAX_RANGE_RATIO:
+        percent = min(100.0, 100 * ratio)
+        raise NoFitError(f"the lines leave ranges uncertain by ± {percent:.0f} %: more lines must be in view")
 
 
 def _lines_seen(

@@ -6,16 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from touchline.calibration.bundle import SINGULAR
 from touchline.calibration.lines.equations import BEND_X, SHAPE, WIDTHS, Lines, Seen
 from touchline.calibration.lines.joint import HELD, fit_in_steps, linearise
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.range_curve import CurveFit, curve_weights
+from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, IntArray
 
+_SEEN = (5.0, 95.0)  # percentiles of the radii of points on lines, between which ranges count as seen
 _CELL_M = 2.0  # pieces of the field's lines that err together: tape measures and paint
 _SECTORS = 18  # ... and of the mirror
 _UPRIGHT = 0.001  # of the range: what a mirror that leans does beyond a bend
 _WITHIN = 1.84  # times its scale: within it lie 68 % of Cauchy's distribution
+# of a range's logarithm nearer than the first points, and past the last: mirrors of other shapes part from a tangent by
+# so much, 0 to 0.08 and 0 to 0.2
+_NEARER, _BEYOND = 0.05, 0.1
 _KINKS = 0.15  # of the jump of the curve's second differences: how far a kink between knots is rounded off
 # how far an image may be off beside SURELY standard deviations: a head that shakes by 0.3 degrees moves the centre by a
 # pixel or two
@@ -30,7 +36,8 @@ class Certainty(NamedTuple):
     err together, if neighbours in the image do. Of each quantity that which says most counts: bend_per_m (2,), of the
     bend; center_px (2,), of an upright mirror's centre. residuals, distances: of all points, in standard deviations
     (about pixels) and m. kinks (J, Q): what one kink more at each of the curve's knots would do to the
-    mirror's parameters.
+    mirror's parameters. seen_px: radii between which most points on lines lie. edge_m: how far all lines lie towards
+    their outer edges, beside where the field has them, and its standard deviation.
     """
 
     covariances: FloatArray
@@ -39,6 +46,8 @@ class Certainty(NamedTuple):
     residuals: FloatArray
     distances_m: FloatArray
     kinks: FloatArray
+    seen_px: tuple[float, float]
+    edge_m: tuple[float, float]
 
     @property
     def on_lines(self) -> float:
@@ -46,7 +55,10 @@ class Certainty(NamedTuple):
         return float(np.mean(self.residuals < WIDTHS[-1]))
 
     def range_ratio(self, shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
-        """Standard deviation (N,) of the ranges at radii (N,), as a share of them. It grows where no point lies."""
+        """Standard deviation (N,) of the ranges at radii (N,), as a share of them. It grows where no point lies, and
+
+        outside of the points with the distance from them.
+        """
         step = 1e-4 * np.sqrt(np.maximum(np.diag(self.covariances[0]), 1e-18))
         base = np.log(shape.range_m(radius_px))
         slopes = np.zeros((len(radius_px), len(step)))
@@ -57,13 +69,15 @@ class Certainty(NamedTuple):
             slopes[:, k] = (np.log(other.range_m(radius_px)) - base) / step[k]
         variance = np.einsum("nk,skl,nl->sn", slopes, self.covariances, slopes).max(axis=0)
         more = np.abs(slopes @ self.kinks.T).sum(axis=1)  # scales of Cauchy's distribution add up as they are
-        return np.sqrt(variance + more**2 + _rounded(shape, radius_px) ** 2 + _UPRIGHT**2)
+        first, last = np.log(shape.range_m(np.array(self.seen_px)))
+        outside = _NEARER * np.maximum(first - base, 0.0) + _BEYOND * np.maximum(base - last, 0.0)
+        return np.sqrt(variance + more**2 + outside**2 + _rounded(shape, radius_px) ** 2 + _UPRIGHT**2)
 
 
 def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certainty:
     """The certainty of a fit, whose points scatter as it supposes or in groups that err together (Huber's sandwich),
 
-    whichever says more. What no point tells is as uncertain as was supposed.
+    whichever says more. What no point tells is as uncertain as was supposed. Raises NoFitError where that is anything.
     """
     fit, expected, _ = found
     size = len(fit.mirror)
@@ -74,15 +88,34 @@ def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certain
     added = points.rows * (points.distances_m * (shares / sigmas_m) ** 2 / expected.noise)[:, np.newaxis]
     offset = np.concatenate([one.pixels for one in seen]) - fit.mirror[:2]
     sectors = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / (2.0 * np.pi) * _SECTORS).astype(np.int64)
-    inverse = np.linalg.inv(fit.matrix)
+    inverse = _inverse(fit.matrix)
     measured = (points.rows * ((shares / sigmas_m) ** 2 / expected.noise)[:, np.newaxis]).T @ points.rows
     supposed = fit.matrix - measured
     scatters = [measured, *(_scatter(added, groups) for groups in (_cells(points.places), sectors))]
-    covariances = np.array([(inverse @ (scatter + supposed) @ inverse)[:size, :size] for scatter in scatters])
-    deviations = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2).max(axis=0))
+    whole = np.array([inverse @ (scatter + supposed) @ inverse for scatter in scatters])
+    variances = np.diagonal(whole, axis1=1, axis2=2).max(axis=0)
+    if not np.all(variances > 0.0):
+        raise NoFitError(SINGULAR)
+    deviations = np.sqrt(variances)
+    radii = np.hypot(*offset.T)[residuals < WIDTHS[-1]]
+    first, last = np.percentile(radii, _SEEN).tolist() if len(radii) else (0.0, 0.0)
     return Certainty(
-        covariances, deviations[:2], deviations[4:SHAPE], residuals, np.abs(points.distances_m), _kinks(found, inverse)
+        whole[:, :size, :size],
+        deviations[:2],
+        deviations[4:SHAPE],
+        residuals,
+        np.abs(points.distances_m),
+        _kinks(found, inverse),
+        (first, last),
+        (fit.edge_m, float(deviations[-1])),
     )
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        raise NoFitError(SINGULAR) from None
 
 
 def _rounded(shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
@@ -156,7 +189,10 @@ def _alone(found: CurveFit, k: int, one: Seen, lines: Lines) -> Alone:
     held = np.diag(np.where(np.arange(len(together.mirror)) >= BEND_X, HELD, 0.0))
     expected = found.expected._replace(mean=together.mirror, information=held, wider=None)
     fit = fit_in_steps([one], together._replace(poses=together.poses[k : k + 1]), expected, lines)
-    certainty = certainty_of(CurveFit(fit, expected, found.curvature), [one], lines)
+    try:
+        certainty = certainty_of(CurveFit(fit, expected, found.curvature), [one], lines)
+    except NoFitError:  # alone it tells nothing
+        return Alone(np.zeros(2), np.full(2, np.inf), 0.0, np.inf)
     own, all_of_them = (MirrorShape(each.mirror, 1, one.knot_px, np.zeros(2)) for each in (fit, together))
     radii, good = np.hypot(*(one.pixels - own.axis).T), certainty.residuals < WIDTHS[-1]
     middle = np.array([np.median(radii[good] if good.any() else radii)])

@@ -20,7 +20,7 @@ from touchline.calibration.lines.equations import (
     Seen,
     linearised,
 )
-from touchline.calibration.nearest_line import nearest_line
+from touchline.calibration.nearest_line import nearest_line, outward
 from touchline.geometry import FloatArray, IndexArray
 
 BEND_PER_M = 0.015  # standard deviation of the bend: a mirror 0.3 degrees off per axis
@@ -34,13 +34,15 @@ _MIN_GAP_M, _MAX_CROWDED = 0.001, 1000.0
 class Expected(NamedTuple):
     """What is expected: of a mirror's parameters the mean (Q,) and the inverse of their covariance (Q, Q); of a line
 
-    how far it usually lies aside (m); of a point the square of its residual, in standard deviations,
-    where points that err together count as one; and by what factor (N,) standard deviations are larger than usual.
+    how far it usually lies aside (m), and of all how far they lie towards their outer edges; of a point the square of
+    its residual, in standard deviations, where points that err together count as one; and by what factor (N,) standard
+    deviations are larger than usual.
     """
 
     mean: FloatArray
     information: FloatArray
     line_m: float = STRAIGHT_M
+    edge_m: float = STRAIGHT_M
     noise: float = 1.0
     wider: FloatArray | None = None
 
@@ -48,13 +50,14 @@ class Expected(NamedTuple):
 class JointFit(NamedTuple):
     """A fit: the mirror's parameters (Q,), a pose (x, y, heading) for each image (M, 3), how far each line lies aside
 
-    (L,) in m, the mean robust error, the points' part of the cost, and the matrix (Q + 3 M + L, Q + 3 M + L) of its
-    last step, expectations included.
+    (L,) in m, how far all lie towards their outer edges, the mean robust error, the points' part of the cost, and the
+    matrix (Q + 3 M + L + 1, Q + 3 M + L + 1) of its last step, expectations included.
     """
 
     mirror: FloatArray
     poses: FloatArray
     aside_m: FloatArray
+    edge_m: float
     error: float
     cost: float
     matrix: FloatArray
@@ -96,11 +99,11 @@ def fit_jointly(seen: Sequence[Seen], start: JointFit, expected: Expected, lines
     poses, aside = np.split(state[size:], [3 * len(seen)])
     error = cost * expected.noise / (sum(len(one.pixels) for one in seen) * width**2)
     matrix = NormalEquations(found.blocks).matrix.toarray()
-    return JointFit(state[:size], poses.reshape(-1, 3), aside, error, cost, matrix)
+    return JointFit(state[:size], poses.reshape(-1, 3), aside[:-1], float(aside[-1]), error, cost, matrix)
 
 
 def _state(fit: JointFit) -> FloatArray:
-    return np.concatenate((fit.mirror, np.ravel(fit.poses), fit.aside_m))
+    return np.concatenate((fit.mirror, np.ravel(fit.poses), fit.aside_m, [fit.edge_m]))
 
 
 def fit_in_steps(seen: Sequence[Seen], start: JointFit, expected: Expected, lines: Lines) -> JointFit:
@@ -113,7 +116,7 @@ def fit_in_steps(seen: Sequence[Seen], start: JointFit, expected: Expected, line
 def starting(mirror: FloatArray, poses: FloatArray, lines: Lines) -> JointFit:
     """A start for `fit_jointly`, its lines where the field says."""
     aside = np.zeros(len(lines.tables.segments) + len(lines.tables.arcs))
-    return JointFit(mirror, poses, aside, 0.0, 0.0, np.zeros((0, 0)))
+    return JointFit(mirror, poses, aside, 0.0, 0.0, 0.0, np.zeros((0, 0)))
 
 
 def linearise(seen: Sequence[Seen], fit: JointFit, lines: Lines) -> Linearised:
@@ -159,14 +162,16 @@ def _equations(
 
 def _priors(state: FloatArray, size: int, images: int, expected: Expected) -> Equations:
     """What is expected of mirror, poses and lines: most lie as the field says, a few far off (Cauchy's prior)."""
-    mirror, poses, asides = np.split(np.arange(len(state)), [size, size + 3 * images])
+    mirror, poses, asides, edge = np.split(np.arange(len(state)), [size, size + 3 * images, len(state) - 1])
     off, aside = state[mirror] - expected.mean, state[asides]
     blocks = [
         prior_block(mirror, expected.information, off),
         prior_block(poses, np.full(len(poses), _ANYWHERE), np.zeros(len(poses))),
         prior_block(asides, 2.0 / (expected.line_m**2 + aside**2), aside),
+        prior_block(edge, np.array([expected.edge_m**-2.0]), state[edge]),
     ]
     cost = float(off @ expected.information @ off) + 2.0 * float(np.sum(np.log1p((aside / expected.line_m) ** 2)))
+    cost += float(state[-1] / expected.edge_m) ** 2
     return Equations(blocks, cost)
 
 
@@ -180,13 +185,13 @@ def _single(
     line, side = nearest.line, nearest.side
     met, column = np.unique(line, return_inverse=True)
     by_line = np.where(column[:, np.newaxis] == np.arange(len(met)), -side[:, np.newaxis], 0.0)
-    first = size + 3 * images
+    first, to_edge = size + 3 * images, side * outward(lines.tables)[line]
     part = Linearised(
-        distances - side * state[first + line],
-        np.hstack((slopes, by_line)),
+        distances - side * state[first + line] - to_edge * state[-1],
+        np.hstack((slopes, by_line, -to_edge[:, np.newaxis])),
         sigmas,
         line,
         np.full(len(line), k),
         places,
     )
-    return np.concatenate((own, first + met)), part
+    return np.concatenate((own, first + met, [len(state) - 1])), part

@@ -35,14 +35,17 @@ class CurveFit(NamedTuple):
     curvature: float
 
 
-def fit_curve(seen: Sequence[Seen], tangent: JointFit, expected: Expected, lines: Lines) -> CurveFit:
-    """The fit with the curve and the lines' places that the points make most probable, from a fit without either."""
+def fit_curve(seen: Sequence[Seen], tangent: JointFit, expected: Expected, lines: Lines, edge_m: float) -> CurveFit:
+    """The fit with the curve and the lines' places that the points make most probable, from a fit without either.
+
+    edge_m: how far all lines may usually lie towards their outer edges.
+    """
     mirror = np.concatenate((tangent.mirror[:SHAPE], np.zeros(KNOTS + 3)))
     mean = np.concatenate((expected.mean, np.zeros(KNOTS + 3)))
     information = np.zeros((len(mean), len(mean)))
     information[:SHAPE, :SHAPE] = expected.information
     information[SHAPE:, SHAPE:] = _pinned(seen, mirror)
-    whole = Expected(mean, information, LINE_M)
+    whole = Expected(mean, information, LINE_M, edge_m)
     path = _path(seen, tangent._replace(mirror=mirror), whole, lines)
     for _ in range(_ROUNDS):
         loosest = path[-1]
@@ -128,7 +131,7 @@ def _evidence(fit: JointFit, expected: Expected, curvature: float) -> float:
     kinks = np.diff(curve, n=2) / curvature
     cost = fit.cost + off @ expected.information[:SHAPE, :SHAPE] @ off  # of center and bend
     cost += 2.0 * np.sum(np.log1p(kinks**2))
-    cost += 2.0 * np.sum(np.log1p((fit.aside_m / expected.line_m) ** 2))
+    cost += 2.0 * np.sum(np.log1p((fit.aside_m / expected.line_m) ** 2)) + (fit.edge_m / expected.edge_m) ** 2
     volume = 2.0 * len(kinks) * np.log(curvature) + 2.0 * count * np.log(expected.line_m)
     return float(cost + volume + np.linalg.slogdet(fit.matrix)[1])
 

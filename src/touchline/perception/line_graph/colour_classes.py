@@ -16,7 +16,7 @@ from numba import njit
 
 from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray
 from touchline.perception.colour import GREEN as IS_GREEN
-from touchline.perception.colour import ColourModel, colour_model, learn_carpet, pixel_noise
+from touchline.perception.colour import ColourModel, channel_sums, colour_model, learn_carpet, pixel_noise
 from touchline.perception.colour_ellipses import is_black, luma_chroma, nearest_ellipse, tinted_chroma
 from touchline.perception.line_graph.standing_colours import standing_ellipses
 from touchline.types import ImageArray
@@ -120,13 +120,13 @@ def _with_washed_carpet(table: ByteArray, model: ColourModel, tint: FloatArray =
     colours = _cell_colours() / tint
     (carpet, paint), excess = (_excess(np.stack((model.green, model.white)))), _excess(colours)
     washed = (excess > paint + _WASHED * (carpet - paint)) & (colours[:, 1] > _GREENER * colours[:, 2])
-    washed &= colours.sum(axis=1) > _WASHED_BRIGHTER * model.green.sum()
+    washed &= channel_sums(colours) > _WASHED_BRIGHTER * model.green.sum()
     return np.where(washed, GREEN, table).astype(np.uint8)
 
 
 def _excess(colours: FloatArray) -> FloatArray:
     """(N,) of G over the mean of B and R, as a share of their sum."""
-    return 1.5 * colours[:, 1] / colours.sum(axis=1) - 0.5
+    return 1.5 * colours[:, 1] / channel_sums(colours) - 0.5
 
 
 def relative_table(model: ColourModel, tint: FloatArray = NO_TINT) -> ByteArray:
@@ -196,7 +196,7 @@ def _learn_paint(images: Sequence[ImageArray], around: BoolArray, model: ColourM
         pale = found[whiteness > least]
         if len(pale) < _MIN_PIXELS:
             return None
-        brightness = pale.sum(axis=1)
+        brightness = channel_sums(pale)
         paint: FloatArray = np.median(pale[brightness >= np.quantile(brightness, _EDGES)], axis=0)
         least = max(HALF_WHITE * float((paint - model.green) @ model.signal), _FAINTEST_PAINT)
     return paint
@@ -214,10 +214,10 @@ def _between_carpet(image: ImageArray, around: BoolArray, model: ColourModel) ->
     kernels = (half, half[:, ::-1].copy(), half.T.copy(), half[:, ::-1].T.copy())
     left, right, above, below = (cv2.dilate(green, kernel).astype(np.bool_) for kernel in kernels)
     between = ((left & right) | (above & below)) & around & (green == 0)
-    brightness = image.sum(axis=2, dtype=np.float32)
+    brightness = channel_sums(image.astype(np.float32))
     light = cv2.blur(brightness * green, size) / np.maximum(cv2.blur(green.astype(np.float32), size), 1e-3)
     colours, light = smooth[between].astype(np.float64), light[between] / model.green.sum()
-    bright = colours.sum(axis=1) > _PALEST * light * model.green.sum()
+    bright = channel_sums(colours) > _PALEST * light * model.green.sum()
     return colours[bright] / light[bright, np.newaxis]
 
 

@@ -207,7 +207,7 @@ def _measure(
     if width > _MAX_WIDTH * limits[1] * per_m + 2.0 or (size < _MIN_HEIGHT * limits[0] * per_m and top > 0):
         return False
     top = _bands(spans[:size], out)
-    out[_HEIGHT] = _height(plane, out[_U], CELL_PX * top, distance)
+    out[_HEIGHT] = _height(plane, out[_U], float(CELL_PX * top), distance)
     above = _height(plane, out[_U], out[_V], 0.0)
     out[_WIDTH] *= math.hypot(distance, above) / plane.lens.pinhole[0]
     return True
@@ -269,7 +269,7 @@ def _stands(pixels: Pixels, table: ByteArray, plane: ImagePlane, out: FloatArray
         for part in _BESIDE:
             column = round(out[_U] + part * out[_WIDTH])
             if 0 <= column < width:
-                green = is_carpet(pixels, column, row)
+                green = is_carpet(pixels, float(column), float(row))
                 carpet += green
                 pale += not green and _code(pixels.image, table, column, row) >= FIRST_WHITE
                 number += 1

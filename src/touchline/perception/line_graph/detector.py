@@ -79,7 +79,7 @@ class LineGraphDetector:
         image = np.ascontiguousarray(image)
         try:
             if self.colours.is_learning:
-                self.colours.learn(image, *self._masks(view))
+                self.colours.learn(image, lambda: self._masks(view))
         except NoCarpetError as error:
             self._last_view = view
             return Observation(stamp_ns, problem=str(error))
@@ -105,7 +105,7 @@ class LineGraphDetector:
         check_size(image, self.camera)
         image = np.ascontiguousarray(image)
         if self.colours.classes is None:
-            self.colours.learn(image, *self._masks(self._last_view))
+            self.colours.learn(image, lambda: self._masks(self._last_view))
         assert self.colours.classes is not None
         plane = image_plane(self.lens, self._last_view)
         structure = self._structure(image, self.colours.classes, plane)

@@ -143,7 +143,8 @@ def _at_ends(plane: ImagePlane, lines: FloatArray) -> FloatArray:
 @njit(cache=True, error_model="numpy")
 def _place_all(pixels, plane, candidates, limits, found):  # type: ignore[no-untyped-def]
     """Place candidates (L, 4), then those at the ends of the lines; how many lines and points are found."""
-    lines, total = _place_lines(pixels, plane, candidates, limits, found, (0, 0))
+    none = np.int64(0)  # a literal 0 is a type of its own: it would be compiled twice
+    lines, total = _place_lines(pixels, plane, candidates, limits, found, (none, none))
     if limits.subpixel:
         ends = _at_ends(plane, found.planes[:lines])
         lines, total = _place_lines(pixels, plane, ends, limits, found, (lines, total))
