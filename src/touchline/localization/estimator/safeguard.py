@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, as_pose
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.estimator.bank import ALLOWED, Bank, Image, Member, could_be_shove
 from touchline.localization.estimator.believed import Believed
 from touchline.localization.estimator.end_judge import MISTRUSTED, Predicted
@@ -101,8 +101,9 @@ class Safeguard:
         """Take an image after the bank has; the problem to report."""
         before = self.verdict
         verdict = self.integrity.update(stamp_ns, image, bank, history, delay.corrected_s, jump)
-        if jump.elsewhere and self.held is None:
-            self._find(stamp_ns, bank, end, history, delay.corrected_s)
+        lost = self._before_loss(stamp_ns, history, delay.corrected_s) if jump.elsewhere else None
+        if lost is not None and bank.best is not None and verdict is ALL_WELL:
+            self.integrity.suspect_mirror(stamp_ns, bank.best.filter.pose, lost)
             verdict = self.verdict
         if verdict.late_s is not None and verdict.late_s > 0.0 and delay.take(verdict.late_s, NAMED_DELAY_DEVIATION_S):
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
@@ -157,23 +158,10 @@ class Safeguard:
         if not self._kept or stamp_ns - self._kept[-1].stamp_ns >= 1e9 * KEPT_EVERY_S:
             self._kept.append(Kept(stamp_ns, one.loosened(np.zeros((3, 3))), end.memory))
 
-    def _find(self, stamp_ns: int, bank: Bank, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
-        """A pose is found elsewhere, soon after one was lost: it may be by mirrored images, and its end is that of the
-        other if only there it is near where that would be by now.
-        """
-        # the first images of a fault may have moved the newest ones already
+    def _before_loss(self, stamp_ns: int, history: MotionHistory, late_s: float) -> Pose | None:
+        """Where the pose of before its loss would be by now: the first images of a fault may have moved it already."""
         kept = next((one for one in self._kept if stamp_ns - one.stamp_ns < 1e9 * MAX_LOST_S), None)
-        if kept is None or bank.best is None:
-            return
-        carried = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
-        found = bank.best.filter.pose
-        if self.verdict is ALL_WELL and self.integrity.suspect_mirror(stamp_ns, found, carried.pose):
-            return
-        here, there = self._may_be(carried, 1e-9 * (stamp_ns - kept.stamp_ns)).distances2(found)
-        if end.symmetric and min(here, there) < ALLOWED and abs(here - there) > CLEARLY:
-            end.recall(kept.end)
-            if there < here:
-                bank.swap_ends()
+        return None if kept is None else kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s)).pose
 
     def _hold(self, stamp_ns: int, bank: Bank, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
         """Go back to before the fault, as far as it is known when that was."""
