@@ -25,7 +25,8 @@ from touchline.motion.samples import NANOSECONDS, interpolate, row_after
 _MEAN_S = 0.2  # over which a speed is a mean: shorter, and odometry's noise is what changes it
 _MEAN_NS = int(_MEAN_S * NANOSECONDS)
 _MAX_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
-SIGNED, UNSIGNED = 0.05, 0.5  # variance for its way (m or rad) of an odometry whose sign is put right, or may be wrong
+# variances per way (m, rad) of an odometry whose sign is put right, and of one whose sign may be wrong, too
+_FLIPPED, _UNPROVED = 0.05, 0.5
 CHANGE_RATIO = 0.3  # of a velocity that only images tell, from one image to the next
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
 
@@ -92,10 +93,10 @@ def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
 
 def with_signs(moved: Delayed, signs: Sequence[int], seconds: float) -> Delayed:
     """A motion over some time by an odometry of whose (ahead, aside, turn) some have the wrong sign (-1). The others
-    may have it, too: a robot that has not turned does not show it.
+    may have it, too: a robot that has not turned does not show it. Uncertain as one that no odometry tells.
     """
     step = moved.motion.pose.as_array()
-    variances = np.where(np.array(signs) < 0, SIGNED, UNSIGNED) * np.abs(step)
+    variances = np.where(np.array(signs) < 0, _FLIPPED, _UNPROVED) * np.abs(step)
     motion = Motion(Pose(*(signs * step).tolist()), moved.motion.covariance + np.diag(variances), seconds)
     return Delayed(motion, moved.late_s, np.zeros(3), np.zeros(3))
 

@@ -247,7 +247,8 @@ class Touchline:
             self.end_judge.forget_start()
             self.judged.reset(tracking=False)
         self.followed = self.bank.best
-        self.predicted = Predicted.of(self.followed, self.safeguard.verdict.images and self.safeguard.verdict.odometry)
+        trusted = self.safeguard.verdict.images and self.safeguard.verdict.odometry
+        self.predicted = None if self.followed is None else Predicted.of(self.followed, trusted)
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
 
     def _observe(self, frame: Frame) -> tuple[Frame, Observation]:
@@ -324,8 +325,8 @@ class Touchline:
         moved_log_odds = self.relocation.end_log_odds(self.bank, self.followed)
         if moved_log_odds is not None:
             end.take_prior(moved_log_odds, self.relocation.end_was_open)
-        believed = self.safeguard.integrity.is_believed and self.judged.is_consistent(self.bank)
-        if believed:  # a doubtful pose does not test a compass
+        sure = self.safeguard.integrity.is_believed and self.judged.is_consistent(self.bank)
+        if sure:  # a doubtful pose does not test a compass
             pose = best.filter.pose
             end.update_from_compass(compass_error(pose, compass_rad), seconds, pose.heading)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends
@@ -337,8 +338,7 @@ class Touchline:
 
     def _judge_sensors(self, frame: Frame, image: Image) -> None:
         """Whether images and odometry are trusted."""
-        predicted = None if self.followed is None else self.predicted
-        jump = jump_of(self.bank.best, predicted, expected=self.relocation.whereabouts is not None)
+        jump = jump_of(self.bank.best, self.predicted, expected=self.relocation.whereabouts is not None)
         self.problems += self.safeguard.update(
             frame.stamp_ns, image, self.bank, self.end, self.history, self.delay, jump
         )

@@ -30,7 +30,7 @@ USUAL_CAMERA = TURNED_ROBOTS, DISPLACED_ROBOTS
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
 CAMERA_MOVED = 0.5  # probability of a turn where images turn at once, by more than TURN, about where the robot stands
 TURN, STANDS_M = 0.05, 0.03
-# probability of a displacement where images of a robot on wheels jump farther, and do not turn: a shove turns, too
+# probability of a displacement where images of a robot on wheels jump by more than that and do not turn: a shove turns
 CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
 RISK = 1e-3  # probability of an error beyond its bound
 HEAD_M = 0.05  # of a humanoid's camera in the place of the displacement above
@@ -146,7 +146,7 @@ def taken(way, stamp_ns, late_s, late2):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def exceeded_by(errors):  # type: ignore[no-untyped-def]
-    """What errors (E, 3) exceed with a probability of RISK, where one alone may be there; by bisection. Each: its
+    """What errors (E, 3) exceed with a probability of RISK, of which one at most is there; by bisection. Each: its
     probability, the size of its mean, its standard deviation.
     """
     low = high = total = 0.0
@@ -167,12 +167,14 @@ def exceeded_by(errors):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def exceeded_moving(errors, speed, rate):  # type: ignore[no-untyped-def]
-    """Bounds (m, rad) of a turn, a displacement and a delay (3, 3), as of `exceeded_by`, at a speed and a rate."""
-    of_position, of_heading = errors[1:].copy(), errors[::2].copy()
-    for k in range(1, 3):
-        of_position[1, k] *= speed
-        of_heading[1, k] *= rate
+def exceeded_moving(sets, speed, rate):  # type: ignore[no-untyped-def]
+    """Bounds (m, rad) of position and heading by sets of errors (7, 7), as of `errors_of`, at a speed and a rate."""
+    of_position, of_heading = np.empty((len(sets), 3)), np.empty((len(sets), 3))
+    for s in range(len(sets)):
+        turn, displaced, late = sets[s, 1:3], sets[s, 3:5], sets[s, 5:7]
+        of_position[s, 0] = of_heading[s, 0] = sets[s, 0]
+        of_position[s, 1], of_position[s, 2] = displaced[0] + speed * late[0], math.hypot(displaced[1], speed * late[1])
+        of_heading[s, 1], of_heading[s, 2] = turn[0] + rate * late[0], math.hypot(turn[1], rate * late[1])
     return exceeded_by(of_position), exceeded_by(of_heading)
 
 
@@ -220,7 +222,7 @@ class ConstantOffsets:
     def begin_again(self) -> None:
         """Images are trusted again: those that were not have told nothing if less is known by now than at first."""
         if (np.diag(self._joint)[TURNED:] > AT_FIRST**2).any():
-            self.reset()
+            self._forget(AT_FIRST[LATE - TURNED] ** 2)
 
     def update(self, sighting: Sighting, history: MotionHistory, steps: StepNoise, late_s: float) -> None:
         """Take a pose by an image alone. steps: noise of the odometry; late_s: as how late images are corrected."""
@@ -237,13 +239,17 @@ class ConstantOffsets:
 
     def blind(self, velocity: FloatArray) -> None:
         """The odometry is wrong: what it told of the camera says nothing. velocity (3,): by images, robot frame."""
-        late2, clock_set = BLIND_LATE_S**2, self._clock_set
+        self._forget(BLIND_LATE_S**2)
+        self._velocity = velocity
+
+    def _forget(self, late2: float) -> None:
+        """Begin anew, with this variance (s²) of a delay; that a clock was set is known all the same."""
+        clock_set = self._clock_set
         if clock_set:
             late2 = max(late2, self._joint[LATE, LATE] + self._state[LATE] ** 2)
         self.reset()
         self._joint[LATE, LATE], self._prior[LATE - 3], self._clock_set = late2, math.sqrt(late2), clock_set
         self._weigh()
-        self._velocity = velocity
 
     def _take(self, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> None:
         before_ns, self._stamp_ns = self._stamp_ns, sighting.stamp_ns
@@ -287,10 +293,10 @@ class ConstantOffsets:
         if not more2.any():
             return
         turned, displaced = self._camera
-        way2, turn2, grown2 = more2.tolist()
-        if grown2 == turn2 > 0.0:
+        way2, heading2, turn2 = more2.tolist()
+        if turn2 == heading2 > 0.0:
             self._camera = CAMERA_MOVED, displaced
-        elif way2 > DISPLACED_M**2 and turn2 < UNTURNED**2 and not walks:
+        elif way2 > DISPLACED_M**2 and heading2 < UNTURNED**2 and not walks:
             self._camera = turned, CAMERA_DISPLACED
         if self._images == 1 and self._first_blurred:
             anew = _Belief(before.state.copy(), before.joint.copy(), before.prior.copy(), before.camera)
@@ -302,9 +308,9 @@ class ConstantOffsets:
 
     def _found(self, pose: FloatArray, elsewhere: bool) -> None:
         """The robot was found. elsewhere: that may be by any of the errors, and what was in doubt still is."""
-        offsets, spread, clock_set = self._state[3:].copy(), self._joint[3:, 3:].copy(), self._clock_set
+        offsets, spread, before = self._state[3:].copy(), self._joint[3:, 3:].copy(), (self._clock_set, self._camera)
         self._begin(pose, UNKNOWN)
-        self._state[3:], self._clock_set = offsets, clock_set
+        self._state[3:], (self._clock_set, self._camera) = offsets, before
         self._joint[3:, 3:] = spread + (self._joint[3:, 3:] if elsewhere else 0.0)
         self._prior = np.sqrt(np.diag(self._joint)[3:])
 
@@ -349,10 +355,10 @@ class ConstantOffsets:
 
     @property
     def bound(self) -> tuple[float, float]:
-        """By how much position (m) and heading (rad) may be off by one of them."""
+        """By how much position (m) and heading (rad) may be off by them."""
         rate = max(abs(float(self._velocity[2])), abs(float(self._newest[2])))
         speed = self._speed
-        position_m, heading_rad = exceeded_moving(self._errors, speed, rate)
+        position_m, heading_rad = exceeded_moving(self._sets, speed, rate)
         position_m, heading_rad = max(position_m, self._lag_s * speed), max(heading_rad, self._lag_s * rate)
         changed = 0.5 * max(self._lag_s, self._ahead_s, self._clock_s) ** 2  # way by an acceleration of 1
         position_m, heading_rad = (
@@ -364,35 +370,46 @@ class ConstantOffsets:
         """How large each of the errors may be, and how likely it is there."""
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
         shares = *self._camera, CLOCK_SET if self._clock_set else LATE_ROBOTS
-        self._errors, self._turn, self._late = errors_of(self._state, self._joint, self._prior, shares)
+        self._sets, self._turn, self._late = errors_of(self._state, self._joint, self._prior, shares)
 
 
 @njit(cache=True, error_model="numpy")
 def errors_of(state, joint, prior, shares):  # type: ignore[no-untyped-def]
-    """(3, 3) of a turn, a displacement and a delay: its probability, and of the likeliest set of errors that holds it
-    the size of its mean and its largest standard deviation; and what the turn and the delay exceed (`exceeded_by`).
+    """(7, 7) of the sets of a turn, a displacement and a delay: the probability of each, and of the errors in it, one
+    after the other, the size of the mean and the largest standard deviation; and what the turn and the delay exceed
+    (`exceeded_by`). Set k - 1 holds the errors of the bits of k.
 
     state (7,) and joint (7, 7): a pose, then the errors; prior (4,): standard deviations before; shares (3,): of the
     robots that have each.
     """
-    information, found, likely, best = inverse(joint[3:, 3:]), np.zeros((3, 3)), np.ones(8), np.zeros(3)
+    information, sets, likeliest = inverse(joint[3:, 3:]), np.zeros((7, 7)), 0.0
     shown = applied(information, state[3:])
-    for chosen in range(8):  # sets of errors: bit k is error k
+    for s in range(7):
         for k in range(3):
-            likely[chosen] *= shares[k] if chosen >> k & 1 else 1.0 - shares[k]
-    for chosen in range(1, 8):
-        for k in range(3):
-            if not chosen >> k & 1:
-                continue
-            speaks, size, sigma = _evidence(information.copy(), shown.copy(), prior, chosen, k)
-            odds = likely[chosen] * math.exp(min(speaks, 30.0))  # what was seen may speak for them
-            if odds > best[k]:
-                best[k], found[k, 1], found[k, 2] = odds, size, sigma
-            found[k, 0] += odds
-        likely[chosen] = odds
-    for k in range(3):
-        found[k, 0] /= likely.sum()
-    return found, exceeded_by(found[:1]), exceeded_by(found[2:])
+            if (s + 1) >> k & 1:
+                speaks, size, sigma = _evidence(information.copy(), shown.copy(), prior, s + 1, k)
+                sets[s, 1 + 2 * k], sets[s, 2 + 2 * k] = size, sigma
+                sets[s, 0] += math.log(shares[k]) - math.log(1.0 - shares[k])
+        sets[s, 0] += speaks
+        likeliest = max(likeliest, sets[s, 0])
+    total = math.exp(-likeliest)
+    for s in range(7):
+        sets[s, 0] = math.exp(sets[s, 0] - likeliest)
+        total += sets[s, 0]
+    for s in range(7):
+        sets[s, 0] /= total
+    return sets, exceeded_by(_only(sets, 0)), exceeded_by(_only(sets, 2))
+
+
+@njit(cache=True, error_model="numpy")
+def _only(sets, k):  # type: ignore[no-untyped-def]
+    """(4, 3) of the sets that hold error k, as `exceeded_by` takes them."""
+    rows, count = np.empty((4, 3)), 0
+    for s in range(len(sets)):
+        if (s + 1) >> k & 1:
+            rows[count, 0], rows[count, 1], rows[count, 2] = sets[s, 0], sets[s, 1 + 2 * k], sets[s, 2 + 2 * k]
+            count += 1
+    return rows
 
 
 @njit(cache=True, error_model="numpy")

@@ -19,7 +19,8 @@ ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zon
 GIVEN_S = 10.0  # for which a pose has to be tracked until the half that was given says no more of where one is found
 # covariances (m, m, rad) of a prediction, beside its own: by sensors that agree; and by some of which one is at fault,
 # whose first images have moved the pose before the alarm, or whose odometry carries it
-AGREED, MISTRUSTED = (np.diag(np.square(each)) for each in ([0.02, 0.02, 0.01], [0.7, 0.7, 0.35]))
+AGREED = np.diag(np.square([0.02, 0.02, 0.01]))
+MISTRUSTED = np.diag(np.square([0.7, 0.7, 0.35]))
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 
 
@@ -30,10 +31,8 @@ class Predicted(NamedTuple):
     covariance: FloatArray
 
     @classmethod
-    def of(cls, followed: Member | None, trusted: bool) -> Self:
-        """As the filter of the pose that is followed has it; nowhere without one. trusted: whether all sensors are."""
-        if followed is None:
-            return cls(np.zeros(3), np.zeros((3, 3)))
+    def of(cls, followed: Member, trusted: bool) -> Self:
+        """As the filter of the pose that is followed has it. trusted: whether all sensors are."""
         return cls(followed.filter.pose.as_array(), followed.filter.covariance + (AGREED if trusted else MISTRUSTED))
 
     def allows(self, found: Pose) -> bool:
@@ -44,10 +43,13 @@ class Predicted(NamedTuple):
         return here2 < ALLOWED and there2 - here2 > 2.0 * CLEARLY
 
     def distances2(self, found: Pose) -> tuple[float, float]:
-        """Squared Mahalanobis distances of a pose and of its twin; infinite of one that is nowhere."""
-        here, there = (pose.minus(as_pose(self.pose)) for pose in (found, found.mirrored()))
-        of = [float(off @ np.linalg.solve(self.covariance, off)) for off in (here, there)]
-        return of[0] if math.isfinite(of[0]) else math.inf, of[1] if math.isfinite(of[1]) else math.inf
+        """Squared Mahalanobis distances of a pose and of its twin."""
+        return self._distance2(found), self._distance2(found.mirrored())
+
+    def _distance2(self, pose: Pose) -> float:
+        off = pose.minus(as_pose(self.pose))
+        distance2 = float(off @ np.linalg.solve(self.covariance, off))
+        return distance2 if math.isfinite(distance2) else math.inf
 
 
 class EndJudge:
@@ -99,14 +101,19 @@ class EndJudge:
         return (Known(np.array([0.0, 0.0, compass_rad]), self._information), *zone)
 
     def follow(
-        self, bank: Bank, followed: Member | None, predicted: Predicted, compass_rad: float | None, refereed: bool
+        self,
+        bank: Bank,
+        followed: Member | None,
+        predicted: Predicted | None,
+        compass_rad: float | None,
+        refereed: bool,
     ) -> None:
         """Whether the likeliest pose goes on from its prediction, has jumped, or was found anew. refereed: nobody
         carries a robot without a word; found elsewhere, it was lost, and with it its end.
         """
         best = bank.best
         assert best is not None
-        if followed is None or not predicted.allows(best.filter.pose):
+        if predicted is None or not predicted.allows(best.filter.pose):
             known = refereed and followed is not None and (self.end.log_odds > CLEARLY or self.end.undecided)
             self._begin(bank, best, followed is None, compass_rad)
             self.end.undecided |= self.end.symmetric and known and self.end.log_odds < CLEARLY

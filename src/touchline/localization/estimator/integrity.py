@@ -72,7 +72,9 @@ ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
 # at the first image through a camera of which roll and pitch are known to worse than so much: the next one shows
 FIRST_ALERT_M, ASKEW_RAD = 0.5, 0.035
 ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
-UNSEEN_M, UNSEEN_RATIO = 0.05, 2.0  # way without an image from which a bound grows: the odometry's sign might be wrong
+# way without an image from which a bound grows, and by how much for it: by an odometry whose sign is wrong a pose is
+# off by twice the way
+UNSEEN_M, UNSEEN_RATIO = 0.05, 2.0
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
@@ -95,7 +97,7 @@ class Verdict(NamedTuple):
 
 class Jump(NamedTuple):
     """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away;
-    keeps_end: whether a robot that was expected there may be, and not at its twin.
+    keeps_end: whether a robot that was expected there may be here, and not at the twin.
     """
 
     predicted: Pose | None
@@ -480,7 +482,8 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         over = bool(self.verdict.reason) and self.relation.agrees
-        if over and not self.relation.all_round:  # a mirror's window is over within seconds
+        in_motion = max(self.relation.statistics.values()) >= 1.0
+        if over and in_motion and not self.relation.all_round:  # a mirror's window is over within seconds
             self.relation.forget_fault()
         statistics = self.statistics = self._measured()
         self._worst = max(_but(statistics, CAMERA).values())
@@ -488,6 +491,7 @@ class Integrity:
             self._raise(statistics)
         elif over:
             self.verdict = ALL_WELL
+            self.relation.end_alarm()
 
     def _raise(self, statistics: dict[str, float]) -> None:
         images = {name: statistics[name] for name in ("share", "chance", "carpet")}
@@ -501,8 +505,10 @@ class Integrity:
         elif not self.verdict.reason or (self.relation.is_explained and self.relation.contradicts):
             explanation = self.relation.blame()
             odometry = explanation.culprit is Culprit.ODOMETRY
-            is_guess = not self.relation.is_explained
-            self.verdict = Verdict(odometry, not odometry, explanation.text, self.relation.late_s, is_guess=is_guess)
+            relation = self.relation
+            self.verdict = Verdict(
+                odometry, not odometry, explanation.text, relation.late_s, is_guess=relation.is_guess
+            )
 
     def _image_reason(self, name: str) -> str:
         if name == "carpet":

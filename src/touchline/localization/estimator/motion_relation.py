@@ -442,9 +442,7 @@ class MotionRelation:
         """Try every explanation, if there is anything to explain."""
         self.gain = 0.0
         self._history = history
-        total = float(np.add.reduce(self._every.costs))
-        self.mean = total / max(len(self._spans_ns), WINDOW // 2)
-        if total < WORTH:
+        if self._take_mean() < WORTH:
             return
         self._fill_lags()
         gains, values, left = gains_of(self._steps, _MULTIPLIERS, _SUFFIXES)
@@ -461,6 +459,12 @@ class MotionRelation:
         self._best = best
         self.gain, self.parameter, self._left = (float(each[best]) for each in (gains, values, left))
 
+    def _take_mean(self) -> float:
+        """The sum of all costs, of which it is."""
+        total = float(np.add.reduce(self._every.costs))
+        self.mean = total / max(len(self._spans_ns), WINDOW // 2)
+        return total
+
     def _likeliest(self, gains: FloatArray) -> int:
         """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
         that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not. What was
@@ -473,7 +477,7 @@ class MotionRelation:
         by_images = self._unbroken < WINDOW
         if self._alarmed is not None and self._alarmed[0] < count:
             by_images = bool(_BY_IMAGES[self._alarmed[0]])
-        if min(images, odometry) < 0.5 * max(images, odometry) and max(images, odometry) > SIGMA_RAD:
+        if self._gyro_tells(images, odometry):
             by_images = odometry < images
         of_culprit = np.where(by_images == _BY_IMAGES, gains[:count], -np.inf)
         other = int(np.argmax(of_culprit))
@@ -500,7 +504,7 @@ class MotionRelation:
     @property
     def is_explained(self) -> bool:
         """Whether one explanation accounts for what contradicts. One by the odometry, after which images count alone,
-        has to leave little; less so one by its signs, of which its motion is made.
+        has to leave little, unless its signs are put right.
         """
         if self._left < MAX_LEFT:
             return self.gain > NAMED_GAIN
@@ -518,11 +522,13 @@ class MotionRelation:
     def forget_fault(self) -> None:
         """Only the newest steps, which agree, count from now on."""
         self._spans_ns = self._spans_ns[-AGREEING:]
-        for each in (self._every.costs, self._every.gains):
-            each[:-AGREEING] = 0.0
-        self._every.lags_known[:-AGREEING] = 1.0
+        self._every.costs[:-AGREEING] = 0.0
         self.sum = self.gain = 0.0
-        self.mean = float(np.add.reduce(self._every.costs)) / (WINDOW // 2)
+        self._take_mean()
+
+    def end_alarm(self) -> None:
+        """What was named is over."""
+        self._alarmed = None
 
     def suspect(self, index: int, parameter: float) -> None:
         """Take a fault to last until the motion refutes it."""
@@ -594,6 +600,16 @@ class MotionRelation:
             return math.inf, math.inf
         by_images = np.abs(np.sin(0.5 * (s.gyro - s.seen[:, 2])))[known].mean()
         return float(by_images), float(np.abs(np.sin(0.5 * (s.gyro - s.driven[:, 2])))[known].mean())
+
+    @staticmethod
+    def _gyro_tells(images: float, odometry: float) -> bool:
+        """Whether it agrees clearly better with one of them, by the mean differences from its turns."""
+        return min(images, odometry) < 0.5 * max(images, odometry) and max(images, odometry) > SIGMA_RAD
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether neither an explanation nor the gyro tells which of images and odometry is to blame."""
+        return not self.is_explained and not self._gyro_tells(*self._gyro_agrees())
 
     def _drifting(self) -> Explanation:
         images, odometry = self._gyro_agrees()

@@ -1,8 +1,10 @@
 """What the filter does about a contradiction: whichever sensor is to blame no longer counts.
 
-Odometry distrusted: vision alone, with the motion that the images tell. Images distrusted: the pose of before the
-fault, carried on by the odometry, until they are consistent again; then the pose that they show is taken at the end of
-the field that is nearer to it. Stamps distrusted: the delay that explains them is taken, or none is learned.
+Odometry distrusted: its signs are put right where that explains all; else vision alone, with the motion that the
+images tell. Images distrusted: the pose of before the fault, carried on by the odometry, until they are consistent
+again; then the pose that they show is taken at the end of the field where it is near to that, or at their own where the
+odometry turns out to be to blame; else the end is open. Stamps distrusted: the delay that explains them is taken, or
+none is learned.
 """
 
 from collections import deque
@@ -30,7 +32,7 @@ NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
 CLOCK_S = 0.2  # of a delay that a jump of the pose may take back: a clock was set; a shove makes smaller ones
 CLEARLY = 4.0  # squared Mahalanobis distance by which one end is nearer to the pose that was held
 MAX_LOST_S = 5.0  # after which a pose that was lost says nothing of where one that is found may be
-HELD_TWICE_S = 60.0  # for which a pose is carried until it may be off by twice as much as at first
+DOUBLED_S = 60.0  # for which a pose is carried until it may be off by twice as much as at first
 
 
 class Kept(NamedTuple):
@@ -65,7 +67,9 @@ class Safeguard:
         self._kept: deque[Kept] = deque(maxlen=8)
         self.held: Filter | None = None
         self._held_since_ns = 0
-        self._same_end = True  # as the held one: of all poses since by images that a guess distrusts
+        self._same_end = (
+            True  # whether the poses by images have gone on since from the held one, only a guess against them
+        )
 
     @property
     def verdict(self) -> Verdict:
@@ -108,6 +112,7 @@ class Safeguard:
         if verdict.late_s is not None and verdict.late_s > 0.0 and delay.take(verdict.late_s, NAMED_DELAY_DEVIATION_S):
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
+            self._release(stamp_ns, bank, end, delay)
             return (f"{verdict.reason}: corrected",)
         back = abs(self.integrity.lag_s + delay.corrected_s) < 2.0 * NAMED_DELAY_DEVIATION_S
         back &= delay.corrected_s > CLOCK_S
@@ -115,16 +120,15 @@ class Safeguard:
             delay.reset()
             bank.take_delay(0.0, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
+            self._release(stamp_ns, bank, end, delay)
             return ()
         self._same_end &= jump.keeps_end and (before.images or before.is_guess)
         if before.images and not verdict.images:
             self._hold(stamp_ns, bank, end, history, delay.corrected_s)
-        elif before.odometry and not verdict.odometry:
+        elif verdict.images:
+            self._release(stamp_ns, bank, end, delay)
+        if before.odometry and not verdict.odometry:
             self._forget_odometry(bank)
-        elif verdict.images and self.held is not None:
-            self._release(stamp_ns, bank, end)
-            if delay.corrected_s:
-                bank.take_delay(delay.corrected_s, delay.deviation_s)
         camera = self.integrity.report_camera()
         return tuple(each for each in (verdict.reason, camera) if each)
 
@@ -174,31 +178,30 @@ class Safeguard:
             self.held = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
             self._held_since_ns = stamp_ns
             assert bank.best is not None
-            near = self._may_be(self.held, 0.0).allows(bank.best.filter.pose)
+            near = _expected(self.held, bank.best.filter, 0.0).allows(bank.best.filter.pose)
             self._same_end = self.verdict.is_guess and near
             end.recall(kept.end)
             self._kept.clear()
 
-    def _release(self, stamp_ns: int, bank: Bank, end: FieldEnd) -> None:
-        """Images are consistent again: at which end is the pose that they show?"""
-        self.integrity.offsets.begin_again()
+    def _release(self, stamp_ns: int, bank: Bank, end: FieldEnd, delay: StampDelay) -> None:
+        """Images are trusted, again where a pose is held: at which end is the one that they show?"""
         held, best, self.held = self.held, bank.best, None
         if held is None or best is None:
             return
+        self.integrity.offsets.begin_again()
         if self.verdict.odometry or not self._same_end:  # else it was the odometry, and the images never to blame
-            here, there = self._may_be(held, 1e-9 * (stamp_ns - self._held_since_ns)).distances2(best.filter.pose)
+            expected = _expected(held, best.filter, 1e-9 * (stamp_ns - self._held_since_ns))
+            here, there = expected.distances2(best.filter.pose)
             if end.symmetric and there < here:
                 bank.swap_ends()
-            if min(here, there) > ALLOWED or (end.symmetric and abs(here - there) < CLEARLY):
+            exchanged = self._same_end and there < here  # by the odometry, against the images: one of them is wrong
+            if min(here, there) > ALLOWED or (end.symmetric and (exchanged or abs(here - there) < CLEARLY)):
                 end.leave_open()
         assert bank.best is not None
         bank.reset(held.placed(bank.best.filter.pose, bank.best.filter.covariance))
         bank.confirmed = True
-
-    @staticmethod
-    def _may_be(held: Filter, seconds: float) -> Predicted:
-        """Where the robot may be by a pose that has been carried for so long."""
-        return Predicted(held.pose.as_array(), held.covariance + MISTRUSTED * (1.0 + seconds / HELD_TWICE_S) ** 2)
+        if delay.corrected_s:
+            bank.take_delay(delay.corrected_s, delay.deviation_s)
 
     def _forget_odometry(self, bank: Bank) -> None:
         """What the fault has taught of scales, delay and camera."""
@@ -206,6 +209,12 @@ class Safeguard:
             before = self._kept[0].filter
             for one in bank.members:
                 one.filter = before.placed(one.filter.pose, one.filter.covariance)
+
+
+def _expected(held: Filter, seen: Filter, seconds: float) -> Predicted:
+    """Where a pose that images show may be, by one that has been carried for so long."""
+    may_be_off = MISTRUSTED * (1.0 + seconds / DOUBLED_S) ** 2
+    return Predicted(held.pose.as_array(), held.covariance + seen.covariance + may_be_off)
 
 
 def jump_of(best: Member | None, predicted: Predicted | None, expected: bool) -> Jump:
