@@ -18,6 +18,7 @@ import sys
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 from touchline.evaluation.latency import cpu_name
 
@@ -39,32 +40,40 @@ def largest_mb(parent: int) -> tuple[float, float]:
     return max(sizes)
 
 
-def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> str:
-    """A row of the table."""
+class Season(NamedTuple):
+    """What was measured. memory_mb: within each quarter of the run, all and without mapped files."""
+
+    workers: int
+    images: int
+    wall_s: float
+    processor_s: float
+    memory_mb: list[tuple[float, float]]
+
+
+def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> Season:
+    """Localize so many."""
     season = folder / "season.txt"
     links = [folder / f"{k:04d}-{recordings[k % len(recordings)].name}" for k in range(count)]
     for k, link in enumerate(links):
         link.symlink_to(recordings[k % len(recordings)].resolve())
     season.write_text("\n".join(map(str, links)))
     command = [sys.executable, "-m", "touchline", "run", str(season), "--output", str(folder / "runs")]
-    begun_s, sizes = time.perf_counter(), []
-    process = subprocess.Popen([*command, "--workers", str(workers), "--report", "none"], stdout=subprocess.DEVNULL)
+    before, begun_s, sizes = os.times(), time.perf_counter(), []
+    process = subprocess.Popen(
+        [*command, "--workers", str(workers), "--report", "none"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
     while process.poll() is None:
         sizes.append(largest_mb(process.pid))
         time.sleep(0.5)
     if process.returncode:
-        sys.exit(process.returncode)
+        sys.exit(process.communicate()[1].decode())
     wall_s, spent = time.perf_counter() - begun_s, os.times()
     with (folder / "runs" / "runs.csv").open() as file:
         images = sum(int(row["images"] or 0) for row in csv.DictReader(file))
     quarter = -(-len(sizes) // 4)
     peaks = [max(sizes[at : at + quarter]) for at in range(0, len(sizes), quarter)]
-    memory = ", ".join(f"{whole:.0f} ({own:.0f})" for whole, own in peaks)
-    processor_s = spent.children_user + spent.children_system
-    return (
-        f"{workers:>7}{images:>9}{wall_s:>8.0f}{images / wall_s / workers:>10.0f}{images / processor_s:>12.0f}"
-        f"   {memory} MB"
-    )
+    processor_s = spent[2] + spent[3] - before[2] - before[3]  # of children
+    return Season(workers, images, wall_s, processor_s, peaks)
 
 
 def main() -> None:
@@ -77,7 +86,10 @@ def main() -> None:
     print(f"{given.count} recordings; {cpu_name()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     print(f"{'workers':>7}{'images':>9}{'wall s':>8}{'img/s/w':>10}{'img/cpu s':>12}   memory by quarters of the run")
     with TemporaryDirectory() as folder:
-        print(measure(given.recordings, given.count, given.workers, Path(folder)))
+        found = measure(given.recordings, given.count, given.workers, Path(folder))
+    rates = f"{found.images / found.wall_s / found.workers:>10.0f}{found.images / found.processor_s:>12.0f}"
+    memory = ", ".join(f"{whole:.0f} ({own:.0f})" for whole, own in found.memory_mb)
+    print(f"{found.workers:>7}{found.images:>9}{found.wall_s:>8.0f}{rates}   {memory} MB")
 
 
 if __name__ == "__main__":

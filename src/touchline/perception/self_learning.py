@@ -94,6 +94,7 @@ class SelfLearningDetector:
     def _begin_anew(self) -> None:
         """Learn from the next images; the old colours serve until then."""
         self._images: list[ImageArray] = []
+        self._has_learned = False  # from all of them
         self._green = GreenWatch()
         self._faded_image: ImageArray | None = None
 
@@ -103,7 +104,7 @@ class SelfLearningDetector:
         if self._faded_image is not None:
             self._learn(self._faded_image)
             self._faded_image = None
-        if len(self._images) < self.settings.frames:
+        if not self._has_learned:
             problem = self._learn(image)
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
@@ -131,6 +132,8 @@ class SelfLearningDetector:
         except NoCarpetError as error:
             self._images.pop()
             return str(error)
+        if len(self._images) == self.settings.frames:
+            self._has_learned, self._images = True, []
         return None
 
     def _watch_green(self, image: ImageArray) -> None:

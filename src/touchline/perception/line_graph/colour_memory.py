@@ -48,13 +48,18 @@ class ColourMemory:
         self._learned = self.classes
         self._tint = NO_TINT
         self._ground: IntArray | None = None  # pixels that see it
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Learn from the next images; the old colours serve until then."""
         self._images: list[ImageArray] = []
+        self._has_learned = False  # from all of them
         self._green = GreenWatch()
 
     @property
     def is_learning(self) -> bool:
         """Whether the next image is to be learned from."""
-        return self._kept is None and len(self._images) < self._frames
+        return self._kept is None and not self._has_learned
 
     def learn(self, image: ImageArray, masks: Callable[[], tuple[BoolArray, BoolArray]]) -> None:
         """Learn from an image (H, W, 3): the first serves at once, all together once they are there.
@@ -72,6 +77,8 @@ class ColourMemory:
             self._images.pop()
             if self.classes is None:
                 raise
+        if len(self._images) == self._frames:
+            self._has_learned, self._images = True, []
 
     def follow(self, image: ImageArray) -> None:
         """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on."""
@@ -94,7 +101,7 @@ class ColourMemory:
         self._ground, green = _look_at_ground(counts, horizon, ends)
         self._green.is_faded(green)
         if self._green.has_faded:
-            self._images, self._green = [], GreenWatch()
+            self._begin_anew()
 
 
 @njit(cache=True, error_model="numpy")
