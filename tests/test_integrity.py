@@ -222,34 +222,97 @@ def test_after_a_fault_the_newest_steps_alone_count() -> None:
     assert len(relation._steps.costs) == AGREEING
 
 
-@pytest.mark.parametrize(
-    ("found", "seconds", "by_odometry", "same_end", "at_held", "undecided"),
-    [
-        (Pose(2.0, 1.0, 0.6), 5.0, False, False, True, False),  # off by a metre and 35°: its twin is far
-        (Pose(-2.0, -1.0, 3.5), 5.0, False, False, True, False),
-        (Pose(2.0, 1.0, 0.1), 100.0, False, False, True, False),
-        (Pose(2.0, 1.0, 0.1), 900.0, False, False, True, True),  # carried for too long
-        (Pose(2.0, 1.0, 1.6), 5.0, False, False, True, True),  # turned by as much from either
-        (Pose(-6.0, 1.0, 0.1), 5.0, False, False, True, True),
-        (Pose(6.0, 1.0, 2.0), 5.0, True, True, True, False),  # the odometry carried it off, the images go on
-        (Pose(6.0, 1.0, 2.0), 5.0, True, False, True, True),
-    ],
-)
-def test_the_end_of_a_pose_that_images_show_again_is_the_held_one_if_only_one_is_near(
-    found: Pose, seconds: float, by_odometry: bool, same_end: bool, at_held: bool, undecided: bool
-) -> None:
+def holding(found: Pose, verdict: Verdict, same_end: bool) -> Touchline:
+    """A system whose images show a pose while another one, at (1, 1, 0), is held."""
     system = open_system("touchline", match().setup)
     assert isinstance(system, Touchline)
     system.reset(Prior(Pose(1.0, 1.0, 0.0)))
     guard, bank = system.safeguard, system.bank
     guard.held = bank.members[0].filter.placed(Pose(1.0, 1.0, 0.0), 1e-3 * np.eye(3))
-    guard._same_end, guard.integrity.verdict = same_end, Verdict(True, not by_odometry)
+    guard._same_end, guard.integrity.verdict = same_end, verdict
     bank.reset(guard.held.placed(found, 1e-4 * np.eye(3)))
-    guard._release(round(1e9 * seconds), bank, system.end)
-    assert system.end.undecided is undecided
+    return system
+
+
+@pytest.mark.parametrize(
+    ("found", "seconds", "by_odometry", "same_end", "shown"),
+    [
+        (Pose(2.0, 1.0, 0.6), 5.0, False, False, "as found"),  # off by a metre and 35°: its twin is far
+        (Pose(-2.0, -1.0, 3.1), 5.0, False, False, "its twin"),
+        (Pose(-2.0, -1.0, 3.1), 5.0, False, True, "open"),  # images and odometry have gone on to either end
+        (Pose(2.0, 1.0, 0.1), 100.0, False, False, "as found"),
+        (Pose(2.0, 1.0, 0.1), 900.0, False, False, "open"),  # carried for too long
+        (Pose(2.0, 1.0, 1.6), 5.0, False, False, "open"),  # turned by as much from either
+        (Pose(-6.0, 1.0, 0.1), 5.0, False, False, "open"),
+        (Pose(6.0, 1.0, 2.0), 5.0, True, True, "as found"),  # the odometry carried it off, the images go on
+        (Pose(6.0, 1.0, 2.0), 5.0, True, False, "open"),
+    ],
+)
+def test_the_end_of_a_pose_that_images_show_again_is_the_held_one_if_only_one_is_near(
+    found: Pose, seconds: float, by_odometry: bool, same_end: bool, shown: str
+) -> None:
+    system = holding(found, Verdict(True, not by_odometry), same_end)
+    assert system.safeguard.held is not None
+    covariance = np.diag([1.0, 1.0, 1e-4])
+    wide = system.safeguard.held.placed(found, covariance)
+    system.safeguard._release(round(1e9 * seconds), system.bank, system.end, system.delay)
+    assert system.safeguard.held is None
+    assert system.end.undecided is (shown == "open")
+    pose = system.bank.members[0].filter.pose
+    assert shown == "open" or pose.is_near(found if shown == "as found" else found.mirrored(), 1e-9, 1e-9)
+    system = holding(found, Verdict(True, not by_odometry), same_end)  # as seen along a lone line
+    system.bank.reset(wide)
+    system.safeguard._release(round(1e9 * seconds), system.bank, system.end, system.delay)
+    assert system.bank.members[0].filter.covariance[0, 0] == pytest.approx(1.0)
+
+
+def test_a_held_pose_is_let_go_in_the_image_in_which_the_odometry_is_blamed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was carried by that odometry."""
+    system = holding(Pose(5.0, 1.0, 0.0), Verdict(False, True, is_guess=True), True)
+    guard, best = system.safeguard, system.bank.best
+    assert best is not None
+
+    def blamed(*_: object) -> Verdict:
+        guard.integrity.verdict = Verdict(True, False, "odometry")
+        return guard.integrity.verdict
+
+    monkeypatch.setattr(guard.integrity, "update", blamed)
+    image = system._image(Frame(10**9), Observation(10**9), None)
+    guard.update(
+        10**9, image, system.bank, system.end, system.history, system.delay, Jump(best.filter.pose, False, True)
+    )
     assert guard.held is None
-    if not undecided:
-        assert bank.members[0].filter.pose.is_near(Pose(1.0, 1.0, 0.0), 6.0, 2.1) is at_held
+    assert not system.end.undecided
+
+
+@pytest.mark.parametrize(("gyro", "is_guess"), [(0.0, True), (1.0, False)])
+def test_what_neither_an_explanation_nor_the_gyro_tells_is_a_guess(gyro: float, is_guess: bool) -> None:
+    relation = related(lambda step: Pose(0.5 * step.x + 0.1, step.y - 0.1, -0.5 * step.heading + 0.1))
+    relation._left = 2.0  # that no explanation accounts for it
+    relation.gain = 0.0
+    relation._every.gyro[:] = relation._every.driven[:, 2] if gyro else np.nan
+    assert relation.is_guess is is_guess
+
+
+def test_what_was_named_stays_named_while_it_explains_as_much_and_is_over_with_its_alarm() -> None:
+    """Mirrored images of a robot that does not turn are an odometry with a wrong sign, too."""
+    history, relation = MotionHistory(), MotionRelation()
+    pose, told, culprits = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), []
+    for k in range(3 * WINDOW):
+        stamp_ns = 100_000_000 * (k + 1)
+        history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([told]))))
+        jumped = k == WINDOW // 4  # as mirrored images make a chain do
+        relation.update(
+            Sighting(stamp_ns, pose.as_array(), 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0), history, 0.0, jumped
+        )
+        step = Pose(0.2, 0.15, 0.1 if k < WINDOW else 0.0)
+        pose, told = pose.compose(step), told.compose(Pose(step.x, -step.y, -step.heading))
+        if max(relation.statistics.values()) >= 1.0:
+            culprits.append(relation.blame().culprit)
+    assert set(culprits) == {Culprit.IMAGES}
+    relation.end_alarm()
+    relation._explain(history)
+    assert relation.blame().culprit is Culprit.ODOMETRY
 
 
 def test_single_images_that_may_lie_elsewhere_are_no_contradiction() -> None:
