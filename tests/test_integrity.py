@@ -15,15 +15,17 @@ from touchline.experiments.faults import frames_of
 from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.field_proof import FieldProof
-from touchline.localization.estimator.integrity import GYRO_RATIO, Jump, _unseen_rad
+from touchline.localization.estimator.integrity import GYRO_RATIO, Jump, Verdict, _unseen_rad
 from touchline.localization.estimator.line_coverage import LineCoverage
-from touchline.localization.estimator.motion_relation import WINDOW, Culprit, MotionRelation
+from touchline.localization.estimator.motion_relation import AGREEING, MAX_COST, WINDOW, Culprit, MotionRelation
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
 from touchline.motion import MotionHistory
+from touchline.motion.delayed import Delayed, with_signs
+from touchline.motion.odometry import Motion
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
-from touchline.types import Estimate, Frame, LinePoints, Observation, Samples, Status
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FROM_S = 6.0
 Change = Callable[[Frame, Frame], Frame]  # of a frame and the one at which the fault begins
@@ -197,6 +199,57 @@ def test_what_contradicts_is_named(change: Callable[[Pose], Pose], culprit: Culp
     explanation = relation.blame()
     assert explanation.culprit is culprit
     assert said in explanation.text
+
+
+def test_an_odometry_whose_signs_are_known_to_be_wrong_is_put_right() -> None:
+    backwards = related(lambda step: Pose(-step.x, -step.y, step.heading), all_round=False)
+    assert backwards.signs == (-1, -1, 1)
+    assert related(lambda step: Pose(step.x, -step.y, -step.heading)).signs is None  # mirrored images
+    assert related(lambda step: step).signs is None
+    motion = Motion(Pose(-0.4, 0.1, 0.2), 1e-6 * np.eye(3), 0.0)
+    moved = with_signs(Delayed(motion, 0.1, np.ones(3), np.ones(3)), (-1, -1, 1), 0.5)
+    assert moved.motion.pose == Pose(0.4, -0.1, 0.2)
+    assert moved.late_s == 0.1
+    sigmas = np.sqrt(np.diag(moved.motion.covariance))
+    assert sigmas[2] > 0.2 > sigmas[0] > sigmas[1]  # that the turn's is right has not been shown
+
+
+def test_after_a_fault_the_newest_steps_alone_count() -> None:
+    relation = related(lambda step: Pose(-step.x, step.y, step.heading))
+    relation.forget_fault()
+    assert relation.gain == relation.sum == 0.0
+    assert relation.mean == pytest.approx(AGREEING * MAX_COST / (WINDOW // 2), rel=0.2)
+    assert len(relation._steps.costs) == AGREEING
+
+
+@pytest.mark.parametrize(
+    ("found", "seconds", "by_odometry", "same_end", "at_held", "undecided"),
+    [
+        (Pose(2.0, 1.0, 0.6), 5.0, False, False, True, False),  # off by a metre and 35°: its twin is far
+        (Pose(-2.0, -1.0, 3.5), 5.0, False, False, True, False),
+        (Pose(2.0, 1.0, 0.1), 100.0, False, False, True, False),
+        (Pose(2.0, 1.0, 0.1), 900.0, False, False, True, True),  # carried for too long
+        (Pose(2.0, 1.0, 1.6), 5.0, False, False, True, True),  # turned by as much from either
+        (Pose(-6.0, 1.0, 0.1), 5.0, False, False, True, True),
+        (Pose(6.0, 1.0, 2.0), 5.0, True, True, True, False),  # the odometry carried it off, the images go on
+        (Pose(6.0, 1.0, 2.0), 5.0, True, False, True, True),
+    ],
+)
+def test_the_end_of_a_pose_that_images_show_again_is_the_held_one_if_only_one_is_near(
+    found: Pose, seconds: float, by_odometry: bool, same_end: bool, at_held: bool, undecided: bool
+) -> None:
+    system = open_system("touchline", match().setup)
+    assert isinstance(system, Touchline)
+    system.reset(Prior(Pose(1.0, 1.0, 0.0)))
+    guard, bank = system.safeguard, system.bank
+    guard.held = bank.members[0].filter.placed(Pose(1.0, 1.0, 0.0), 1e-3 * np.eye(3))
+    guard._same_end, guard.integrity.verdict = same_end, Verdict(True, not by_odometry)
+    bank.reset(guard.held.placed(found, 1e-4 * np.eye(3)))
+    guard._release(round(1e9 * seconds), bank, system.end)
+    assert system.end.undecided is undecided
+    assert guard.held is None
+    if not undecided:
+        assert bank.members[0].filter.pose.is_near(Pose(1.0, 1.0, 0.0), 6.0, 2.1) is at_held
 
 
 def test_single_images_that_may_lie_elsewhere_are_no_contradiction() -> None:

@@ -1,6 +1,7 @@
 """Motion between two images whose stamps are late, and what it changes by if they are later."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from touchline.motion.samples import NANOSECONDS, interpolate, row_after
 _MEAN_S = 0.2  # over which a speed is a mean: shorter, and odometry's noise is what changes it
 _MEAN_NS = int(_MEAN_S * NANOSECONDS)
 _MAX_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
+SIGNED, UNSIGNED = 0.05, 0.5  # variance for its way (m or rad) of an odometry whose sign is put right, or may be wrong
 CHANGE_RATIO = 0.3  # of a velocity that only images tell, from one image to the next
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
 
@@ -86,6 +88,16 @@ def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
     covariance = np.diag(np.square([position, position, turn]))
     motion = Motion(Pose(*(seconds * velocity).tolist()), covariance, seconds)
     return Delayed(motion, late_s, np.zeros(3), np.zeros(3))
+
+
+def with_signs(moved: Delayed, signs: Sequence[int], seconds: float) -> Delayed:
+    """A motion over some time by an odometry of whose (ahead, aside, turn) some have the wrong sign (-1). The others
+    may have it, too: a robot that has not turned does not show it.
+    """
+    step = moved.motion.pose.as_array()
+    variances = np.where(np.array(signs) < 0, SIGNED, UNSIGNED) * np.abs(step)
+    motion = Motion(Pose(*(signs * step).tolist()), moved.motion.covariance + np.diag(variances), seconds)
+    return Delayed(motion, moved.late_s, np.zeros(3), np.zeros(3))
 
 
 def until_stamp(history: MotionHistory, stamp_ns: int, late_s: float) -> Delayed:

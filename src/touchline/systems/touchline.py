@@ -247,7 +247,7 @@ class Touchline:
             self.end_judge.forget_start()
             self.judged.reset(tracking=False)
         self.followed = self.bank.best
-        self.predicted = Predicted.of(self.followed)
+        self.predicted = Predicted.of(self.followed, self.safeguard.verdict.images and self.safeguard.verdict.odometry)
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
 
     def _observe(self, frame: Frame) -> tuple[Frame, Observation]:
@@ -324,7 +324,8 @@ class Touchline:
         moved_log_odds = self.relocation.end_log_odds(self.bank, self.followed)
         if moved_log_odds is not None:
             end.take_prior(moved_log_odds, self.relocation.end_was_open)
-        if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
+        believed = self.safeguard.integrity.is_believed and self.judged.is_consistent(self.bank)
+        if believed:  # a doubtful pose does not test a compass
             pose = best.filter.pose
             end.update_from_compass(compass_error(pose, compass_rad), seconds, pose.heading)
         if end.colours_tell and len(observation.landmarks):  # lines and crossings are alike at both ends
@@ -336,8 +337,8 @@ class Touchline:
 
     def _judge_sensors(self, frame: Frame, image: Image) -> None:
         """Whether images and odometry are trusted."""
-        followed = None if self.followed is None else self.predicted.pose
-        jump = jump_of(self.bank.best, followed, expected=self.relocation.whereabouts is not None)
+        predicted = None if self.followed is None else self.predicted
+        jump = jump_of(self.bank.best, predicted, expected=self.relocation.whereabouts is not None)
         self.problems += self.safeguard.update(
             frame.stamp_ns, image, self.bank, self.end, self.history, self.delay, jump
         )

@@ -1,5 +1,6 @@
 """`touchline calibrate lines`: from line points, or images, and the field's name to a camera."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -115,7 +116,8 @@ def refined(
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
     tangent = fit_in_steps(seen, level, expected, lines)
     seen = _without_marks(seen, tangent, lines, field)
-    found = fit_curve(seen, tangent, expected, lines, 0.5 * field.line_width)
+    drawn_m = field.line_width / math.sqrt(12.0)  # anywhere between the lines' edges
+    found = fit_curve(seen, tangent, expected, lines, drawn_m)
     fit, upright = found.fit, held_upright(found, level, seen, lines)
     certainty = certainty_of(found, seen, lines)
     certainty = certainty._replace(center_px=certainty_of(upright, seen, lines).center_px)

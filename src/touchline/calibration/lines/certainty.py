@@ -18,6 +18,7 @@ _SEEN = (5.0, 95.0)  # percentiles of the radii of points on lines, between whic
 _CELL_M = 2.0  # pieces of the field's lines that err together: tape measures and paint
 _SECTORS = 18  # ... and of the mirror
 _UPRIGHT = 0.001  # of the range: what a mirror that leans does beyond a bend
+_BENT_PER_M = 6e-4  # of the bend: 0.013 degrees of lean
 _WITHIN = 1.84  # times its scale: within it lie 68 % of Cauchy's distribution
 # of a range's logarithm nearer than the first points, and past the last: mirrors of other shapes part from a tangent by
 # so much, 0 to 0.08 and 0 to 0.2
@@ -102,7 +103,7 @@ def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certain
     return Certainty(
         whole[:, :size, :size],
         deviations[:2],
-        deviations[4:SHAPE],
+        np.hypot(deviations[4:SHAPE], _BENT_PER_M),
         residuals,
         np.abs(points.distances_m),
         _kinks(found, inverse),

@@ -26,9 +26,12 @@ from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 TURNED, AHEAD, LATE = 3, 4, 6  # states, behind those of the pose: rad, m (ahead and left), s
 AT_FIRST = np.array([0.12, 0.15, 0.15, 0.08])  # their standard deviations, of a robot that has them
 TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.008, 0.002, 0.02  # shares of all robots that have one of them
+USUAL_CAMERA = TURNED_ROBOTS, DISPLACED_ROBOTS
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
 CAMERA_MOVED = 0.5  # probability of a turn where images turn at once, by more than TURN, about where the robot stands
 TURN, STANDS_M = 0.05, 0.03
+# probability of a displacement where images of a robot on wheels jump farther, and do not turn: a shove turns, too
+CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
 RISK = 1e-3  # probability of an error beyond its bound
 HEAD_M = 0.05  # of a humanoid's camera in the place of the displacement above
 BLIND_LATE_S = 0.06  # of a delay that was refuted as the explanation of what contradicts
@@ -75,7 +78,7 @@ def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def
 def corrected(state, joint, prior, seen, way, stamp_ns, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
     samples. prior (4,): standard deviations, of those that have grown anew. Returns the velocity (3,) of `taken`, and
-    by how much the variances of the heading and of the turn have grown; negative if the image lies elsewhere,
+    by how much the variances (3,) of the way, heading and turn have grown; negative if the image lies elsewhere,
     may_change is not set, and nothing was taken.
     """
     (seen, covariance), (since, bend, velocity) = seen, taken(way, stamp_ns, state[LATE], joint[LATE, LATE])
@@ -98,9 +101,9 @@ def corrected(state, joint, prior, seen, way, stamp_ns, may_change):  # type: ig
     weight = inverse(plus(times(by, crossed), spread, 1.0))
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
-            return velocity, np.full(2, -1.0)
+            return velocity, np.full(3, -1.0)
         if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
-            return velocity, more[2:4]
+            return velocity, more[1:4]
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
@@ -121,7 +124,7 @@ def corrected(state, joint, prior, seen, way, stamp_ns, may_change):  # type: ig
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
-    return velocity, more[2:4]
+    return velocity, more[1:4]
 
 
 @njit(cache=True, error_model="numpy")
@@ -179,12 +182,14 @@ _Measured = tuple[
 
 
 class _Belief(NamedTuple):
-    """A filter's mean (7,), covariance (7, 7), deviations of the errors before (4,), and whether the camera moved."""
+    """A filter's mean (7,), covariance (7, 7), deviations of the errors before (4,), and the probabilities before of a
+    camera that is turned, and displaced.
+    """
 
     state: FloatArray
     joint: FloatArray
     prior: FloatArray
-    camera_moved: bool
+    camera: tuple[float, float]
 
 
 class ConstantOffsets:
@@ -192,7 +197,8 @@ class ConstantOffsets:
 
     def __init__(self) -> None:
         self._late_s = self._clock_s = self._lag_s = self._ahead_s = 0.0
-        self._clock_set = self._camera_moved = False  # whether images have come otherwise, or turned at once
+        self._clock_set = False  # whether images have come otherwise
+        self._camera = USUAL_CAMERA  # probabilities that it is turned, and displaced, before what was seen since
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
         self._state: FloatArray
         self._joint: FloatArray
@@ -210,6 +216,11 @@ class ConstantOffsets:
         self._newest: FloatArray = np.zeros(3)  # velocity
         self._newest_ns = 0
         self._begin(np.zeros(3) if start is None else start.as_array(), covariance)
+
+    def begin_again(self) -> None:
+        """Images are trusted again: those that were not have told nothing if less is known by now than at first."""
+        if (np.diag(self._joint)[TURNED:] > AT_FIRST**2).any():
+            self.reset()
 
     def update(self, sighting: Sighting, history: MotionHistory, steps: StepNoise, late_s: float) -> None:
         """Take a pose by an image alone. steps: noise of the odometry; late_s: as how late images are corrected."""
@@ -258,26 +269,31 @@ class ConstantOffsets:
         seen = ((sighting.pose, sighting.covariance), history.odometry.samples.arrays, sighting.stamp_ns)
         for one in others:
             self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
-            if more2[1] >= 0.0:
-                self._state, self._joint, self._prior, self._camera_moved = one
+            if more2[0] >= 0.0:
+                self._state, self._joint, self._prior, self._camera = one
                 break
         else:
-            self._correct(sighting, seen)
+            self._correct(sighting, seen, steps.walks)
         self._images += 1
         self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
 
-    def _correct(self, sighting: Sighting, seen: _Measured) -> None:
+    def _correct(self, sighting: Sighting, seen: _Measured, walks: bool) -> None:
         """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
         believed without it is kept: the next image decides.
         """
-        before = _Belief(self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera_moved)
+        before = _Belief(self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera)
         self._velocity, more2 = corrected(self._state, self._joint, self._prior, *seen, True)
-        self._camera_moved |= bool(more2[0] > 0.0 and more2[1] == more2[0])
         if not more2.any():
             return
+        turned, displaced = self._camera
+        way2, turn2, grown2 = more2.tolist()
+        if grown2 == turn2 > 0.0:
+            self._camera = CAMERA_MOVED, displaced
+        elif way2 > DISPLACED_M**2 and turn2 < UNTURNED**2 and not walks:
+            self._camera = turned, CAMERA_DISPLACED
         if self._images == 1 and self._first_blurred:
-            anew = _Belief(before.state.copy(), before.joint.copy(), before.prior.copy(), before.camera_moved)
+            anew = _Belief(before.state.copy(), before.joint.copy(), before.prior.copy(), before.camera)
             anew.state[:3], anew.joint[:3], anew.joint[:, :3], anew.joint[:3, :3] = sighting.pose, 0.0, 0.0, UNKNOWN
             corrected(anew.state, anew.joint, anew.prior, *seen, True)
             self._others.append(anew)
@@ -298,7 +314,7 @@ class ConstantOffsets:
         self._state = np.concatenate((pose, np.zeros(4)))
         self._joint = np.diag(np.square([*3 * [0.0], *AT_FIRST]))
         self._joint[:3, :3] = covariance
-        self._prior, self._clock_set, self._camera_moved = AT_FIRST.copy(), False, False
+        self._prior, self._clock_set, self._camera = AT_FIRST.copy(), False, USUAL_CAMERA
         self._weigh()
 
     def arrive(self, arrivals: Arrivals, odometry: SampleHistory, lag_s: float = 0.0) -> None:
@@ -345,36 +361,67 @@ class ConstantOffsets:
         return position_m + self._clock_s * speed, heading_rad + self._clock_s * rate
 
     def _weigh(self) -> None:
-        """How large each of the errors may be, and how likely it is there; two at once are too rare to count."""
+        """How large each of the errors may be, and how likely it is there."""
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
-        turned = CAMERA_MOVED if self._camera_moved else TURNED_ROBOTS
-        shares = turned, DISPLACED_ROBOTS, CLOCK_SET if self._clock_set else LATE_ROBOTS
-        self._errors, self._turn, self._late = single_errors(self._state, self._joint, self._prior, shares)
+        shares = *self._camera, CLOCK_SET if self._clock_set else LATE_ROBOTS
+        self._errors, self._turn, self._late = errors_of(self._state, self._joint, self._prior, shares)
 
 
 @njit(cache=True, error_model="numpy")
-def single_errors(state, joint, prior, shares):  # type: ignore[no-untyped-def]
-    """(3, 3) of a turn, a displacement and a delay, as if there were none of the others: its probability, the size of
-    its mean, its largest standard deviation; and what the turn and the delay exceed (`exceeded_by`). offsets (4,) and
-    their covariance (4, 4), behind a pose's; prior (4,): standard deviations before; shares (3,): of the robots that
-    have each.
+def errors_of(state, joint, prior, shares):  # type: ignore[no-untyped-def]
+    """(3, 3) of a turn, a displacement and a delay: its probability, and of the likeliest set of errors that holds it
+    the size of its mean and its largest standard deviation; and what the turn and the delay exceed (`exceeded_by`).
+
+    state (7,) and joint (7, 7): a pose, then the errors; prior (4,): standard deviations before; shares (3,): of the
+    robots that have each.
     """
-    offsets, information = state[3:], inverse(joint[3:, 3:])
-    shown, found, rest = applied(information, offsets), np.empty((3, 3)), 0.0
+    information, found, likely, best = inverse(joint[3:, 3:]), np.zeros((3, 3)), np.ones(8), np.zeros(3)
+    shown = applied(information, state[3:])
+    for chosen in range(8):  # sets of errors: bit k is error k
+        for k in range(3):
+            likely[chosen] *= shares[k] if chosen >> k & 1 else 1.0 - shares[k]
+    for chosen in range(1, 8):
+        for k in range(3):
+            if not chosen >> k & 1:
+                continue
+            speaks, size, sigma = _evidence(information.copy(), shown.copy(), prior, chosen, k)
+            odds = likely[chosen] * math.exp(min(speaks, 30.0))  # what was seen may speak for them
+            if odds > best[k]:
+                best[k], found[k, 1], found[k, 2] = odds, size, sigma
+            found[k, 0] += odds
+        likely[chosen] = odds
     for k in range(3):
-        a, b = ((0, 0), (1, 2), (3, 3))[k]
-        xx, yy, xy = information[a, a], information[b, b], information[a, b] if a != b else 0.0
-        x, y, prior2 = (yy * shown[a] - xy * shown[b]), (xx * shown[b] - xy * shown[a]), prior[a] * prior[b]
-        det = xx * yy - xy * xy
-        least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-        found[k, 1], found[k, 2] = math.hypot(x, y) / det, 1.0 / math.sqrt(least)
-        speaks = 0.5 * (x * shown[a] + y * shown[b]) / det - 0.5 * math.log(det) - math.log(prior2)
-        if a == b:  # counted twice
-            found[k, 1] = abs(x) / det
-            speaks *= 0.5
-        found[k, 0] = shares[k] * math.exp(min(speaks, 30.0))  # what was seen may speak for it, by a ratio of densities
-        rest += shares[k]
-    total = max(1.0 - rest, 0.0) + (found[0, 0] + found[1, 0] + found[2, 0])
-    for k in range(3):
-        found[k, 0] /= total
+        found[k, 0] /= likely.sum()
     return found, exceeded_by(found[:1]), exceeded_by(found[2:])
+
+
+@njit(cache=True, error_model="numpy")
+def _evidence(information, shown, prior, chosen, k):  # type: ignore[no-untyped-def]
+    """Logarithm of the ratio of densities for a set of errors against none, and what error k of them is then: the size
+    of its mean, its largest standard deviation. information (4, 4) is changed, and shown (4,), that times the mean.
+    """
+    speaks = 0.0
+    for e in (k + 1, k + 2, k):  # the others are eliminated first, so that what is left is known whatever they are
+        e %= 3
+        for i in range((0, 1, 3)[e], (1, 3, 4)[e]):
+            if not chosen >> e & 1:
+                continue
+            speaks -= math.log(prior[i])
+            if e == k:
+                continue
+            pivot = information[i, i]
+            speaks += 0.5 * (shown[i] ** 2 / pivot - math.log(pivot))
+            for j in range(4):
+                if j != i:
+                    factor = information[j, i] / pivot
+                    shown[j] -= factor * shown[i]
+                    for m in range(4):
+                        information[j, m] -= factor * information[i, m]
+    a, b = ((0, 0), (1, 2), (3, 3))[k]
+    xx, yy, xy = information[a, a], information[b, b], information[a, b]
+    if a == b:
+        return speaks + 0.5 * (shown[a] ** 2 / xx - math.log(xx)), abs(shown[a]) / xx, 1.0 / math.sqrt(xx)
+    det, least = xx * yy - xy * xy, 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    x, y = (yy * shown[a] - xy * shown[b]) / det, (xx * shown[b] - xy * shown[a]) / det
+    speaks += 0.5 * (x * shown[a] + y * shown[b] - math.log(det))
+    return speaks, math.hypot(x, y), 1.0 / math.sqrt(least)

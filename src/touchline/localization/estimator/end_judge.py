@@ -1,5 +1,6 @@
 """When the field's end is known and when it is open: what was given at the start, and a compass, at each pose found."""
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -16,33 +17,37 @@ from touchline.types import Frame, Prior
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 GIVEN_S = 10.0  # for which a pose has to be tracked until the half that was given says no more of where one is found
-MIN_COVARIANCE = np.diag(np.square([0.02, 0.02, 0.01]))  # of a prediction
+# covariances (m, m, rad) of a prediction, beside its own: by sensors that agree; and by some of which one is at fault,
+# whose first images have moved the pose before the alarm, or whose odometry carries it
+AGREED, MISTRUSTED = (np.diag(np.square(each)) for each in ([0.02, 0.02, 0.01], [0.7, 0.7, 0.35]))
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 
 
 class Predicted(NamedTuple):
-    """pose (3,) and covariance (3, 3) of the pose that is followed, before an image."""
+    """pose (3,) before an image, and how wide that is (3, 3)."""
 
     pose: FloatArray
     covariance: FloatArray
 
     @classmethod
-    def of(cls, followed: Member | None) -> Self:
-        """As its filter has it now; nowhere without one."""
+    def of(cls, followed: Member | None, trusted: bool) -> Self:
+        """As the filter of the pose that is followed has it; nowhere without one. trusted: whether all sensors are."""
         if followed is None:
             return cls(np.zeros(3), np.zeros((3, 3)))
-        return cls(followed.filter.pose.as_array(), followed.filter.covariance.copy())
+        return cls(followed.filter.pose.as_array(), followed.filter.covariance + (AGREED if trusted else MISTRUSTED))
 
     def allows(self, found: Pose) -> bool:
         """Whether a robot that was predicted there may stand here, shoved or known so widely, and not at the twin."""
         if could_be_shove(found.as_array() - self.pose):
             return True
-        here2, there2 = (self._distance2(pose) for pose in (found, found.mirrored()))
+        here2, there2 = self.distances2(found)
         return here2 < ALLOWED and there2 - here2 > 2.0 * CLEARLY
 
-    def _distance2(self, pose: Pose) -> float:
-        off = pose.minus(as_pose(self.pose))
-        return float(off @ np.linalg.solve(self.covariance + MIN_COVARIANCE, off))
+    def distances2(self, found: Pose) -> tuple[float, float]:
+        """Squared Mahalanobis distances of a pose and of its twin; infinite of one that is nowhere."""
+        here, there = (pose.minus(as_pose(self.pose)) for pose in (found, found.mirrored()))
+        of = [float(off @ np.linalg.solve(self.covariance, off)) for off in (here, there)]
+        return of[0] if math.isfinite(of[0]) else math.inf, of[1] if math.isfinite(of[1]) else math.inf
 
 
 class EndJudge:

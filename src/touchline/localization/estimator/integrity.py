@@ -72,7 +72,7 @@ ALERT_M, ALERT_RAD = 1.0, 0.45  # bound from which a pose is of no use
 # at the first image through a camera of which roll and pitch are known to worse than so much: the next one shows
 FIRST_ALERT_M, ASKEW_RAD = 0.5, 0.035
 ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the newest contradict it
-UNSEEN_M, UNSEEN_RATIO = 0.15, 1.5  # way without an image from which a bound grows: the odometry's sign might be wrong
+UNSEEN_M, UNSEEN_RATIO = 0.05, 2.0  # way without an image from which a bound grows: the odometry's sign might be wrong
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
@@ -81,7 +81,8 @@ NOWHERE = Pose(0.0, 0.0, 0.0)
 
 class Verdict(NamedTuple):
     """Whether images, and the odometry, are trusted; the reason, empty where both are; how late images are stamped,
-    where that explains everything; since_ns: when the fault began, where that is known.
+    where that explains everything; since_ns: when the fault began, where that is known; is_guess: whether nothing says
+    which of images and odometry is to blame.
     """
 
     images: bool
@@ -89,13 +90,17 @@ class Verdict(NamedTuple):
     reason: str = ""
     late_s: float | None = None
     since_ns: int | None = None
+    is_guess: bool = False
 
 
 class Jump(NamedTuple):
-    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away."""
+    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away;
+    keeps_end: whether a robot that was expected there may be, and not at its twin.
+    """
 
     predicted: Pose | None
     elsewhere: bool
+    keeps_end: bool = False
 
 
 ALL_WELL = Verdict(True, True)
@@ -474,11 +479,14 @@ class Integrity:
 
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
+        over = bool(self.verdict.reason) and self.relation.agrees
+        if over and not self.relation.all_round:  # a mirror's window is over within seconds
+            self.relation.forget_fault()
         statistics = self.statistics = self._measured()
         self._worst = max(_but(statistics, CAMERA).values())
         if self._worst >= 1.0:
             self._raise(statistics)
-        elif self.verdict.reason and self.relation.agrees:
+        elif over:
             self.verdict = ALL_WELL
 
     def _raise(self, statistics: dict[str, float]) -> None:
@@ -493,7 +501,8 @@ class Integrity:
         elif not self.verdict.reason or (self.relation.is_explained and self.relation.contradicts):
             explanation = self.relation.blame()
             odometry = explanation.culprit is Culprit.ODOMETRY
-            self.verdict = Verdict(odometry, not odometry, explanation.text, self.relation.late_s)
+            is_guess = not self.relation.is_explained
+            self.verdict = Verdict(odometry, not odometry, explanation.text, self.relation.late_s, is_guess=is_guess)
 
     def _image_reason(self, name: str) -> str:
         if name == "carpet":

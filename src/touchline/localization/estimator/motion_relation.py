@@ -463,13 +463,16 @@ class MotionRelation:
 
     def _likeliest(self, gains: FloatArray) -> int:
         """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
-        that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not.
+        that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not. What was
+        named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
         """
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         if best >= count:
             return best
         images, odometry = self._gyro_agrees()
         by_images = self._unbroken < WINDOW
+        if self._alarmed is not None and self._alarmed[0] < count:
+            by_images = bool(_BY_IMAGES[self._alarmed[0]])
         if min(images, odometry) < 0.5 * max(images, odometry) and max(images, odometry) > SIGMA_RAD:
             by_images = odometry < images
         of_culprit = np.where(by_images == _BY_IMAGES, gains[:count], -np.inf)
@@ -497,12 +500,29 @@ class MotionRelation:
     @property
     def is_explained(self) -> bool:
         """Whether one explanation accounts for what contradicts. One by the odometry, after which images count alone,
-        has to leave little.
+        has to leave little; less so one by its signs, of which its motion is made.
         """
         if self._left < MAX_LEFT:
             return self.gain > NAMED_GAIN
         by_odometry = self._best < len(_BY_IMAGES) and not _BY_IMAGES[self._best]  # what the gyro says has a witness
-        return self.gain > MAX_GAIN and not by_odometry
+        return self.gain > MAX_GAIN and (not by_odometry or self.signs is not None)
+
+    @property
+    def signs(self) -> tuple[int, int, int] | None:
+        """Of the odometry's (ahead, aside, turn), where the newest steps clearly tell that they are wrong."""
+        by_odometry = 0 <= self._best < len(SIGNS) and not _BY_IMAGES[self._best]
+        if not by_odometry or self.gain < MAX_GAIN or self._left > MAX_MEAN or not self.contradicts:
+            return None
+        return list(SIGNS)[self._best]
+
+    def forget_fault(self) -> None:
+        """Only the newest steps, which agree, count from now on."""
+        self._spans_ns = self._spans_ns[-AGREEING:]
+        for each in (self._every.costs, self._every.gains):
+            each[:-AGREEING] = 0.0
+        self._every.lags_known[:-AGREEING] = 1.0
+        self.sum = self.gain = 0.0
+        self.mean = float(np.add.reduce(self._every.costs)) / (WINDOW // 2)
 
     def suspect(self, index: int, parameter: float) -> None:
         """Take a fault to last until the motion refutes it."""

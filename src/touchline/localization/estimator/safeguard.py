@@ -5,16 +5,16 @@ fault, carried on by the odometry, until they are consistent again; then the pos
 the field that is nearer to it. Stamps distrusted: the delay that explains them is taken, or none is learned.
 """
 
-import math
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, as_pose
 from touchline.localization.estimator.bank import ALLOWED, Bank, Image, Member, could_be_shove
 from touchline.localization.estimator.believed import Believed
+from touchline.localization.estimator.end_judge import MISTRUSTED, Predicted
 from touchline.localization.estimator.field_end import EndMemory, FieldEnd
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.integrity import ALL_WELL, Integrity, Jump, Verdict
@@ -22,7 +22,7 @@ from touchline.localization.estimator.pose_status import PoseStatus
 from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.registration import Registration
 from touchline.motion import MotionHistory
-from touchline.motion.delayed import Delayed, delayed, moving
+from touchline.motion.delayed import Delayed, delayed, moving, with_signs
 from touchline.types import Hypothesis, Status
 
 KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one is taken: an alarm comes so late
@@ -30,7 +30,7 @@ NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
 CLOCK_S = 0.2  # of a delay that a jump of the pose may take back: a clock was set; a shove makes smaller ones
 CLEARLY = 4.0  # squared Mahalanobis distance by which one end is nearer to the pose that was held
 MAX_LOST_S = 5.0  # after which a pose that was lost says nothing of where one that is found may be
-MAX_HELD_S = 60.0  # for which a pose is carried: then it tells no end
+HELD_TWICE_S = 60.0  # for which a pose is carried until it may be off by twice as much as at first
 
 
 class Kept(NamedTuple):
@@ -65,6 +65,7 @@ class Safeguard:
         self._kept: deque[Kept] = deque(maxlen=8)
         self.held: Filter | None = None
         self._held_since_ns = 0
+        self._same_end = True  # as the held one: of all poses since by images that a guess distrusts
 
     @property
     def verdict(self) -> Verdict:
@@ -72,9 +73,14 @@ class Safeguard:
         return self.integrity.verdict
 
     def motion(self, history: MotionHistory, span_ns: tuple[int, int], late_s: float) -> Delayed:
-        """Since the last image: by the odometry, or, where that is distrusted, as the images told until then."""
+        """Since the last image: by the odometry; where that is distrusted, with its signs put right, if they explain
+        all, or as the images told until then.
+        """
         if self.verdict.odometry:
             return delayed(history, *span_ns, late_s)
+        signs = self.integrity.relation.signs
+        if signs is not None:
+            return with_signs(delayed(history, *span_ns, late_s), signs, 1e-9 * (span_ns[1] - span_ns[0]))
         return moving(self.integrity.motion.velocity, 1e-9 * (span_ns[1] - span_ns[0]), late_s)
 
     def carry(self, moved: Delayed, seconds: float) -> None:
@@ -95,9 +101,8 @@ class Safeguard:
         """Take an image after the bank has; the problem to report."""
         before = self.verdict
         verdict = self.integrity.update(stamp_ns, image, bank, history, delay.corrected_s, jump)
-        lost = self._before_loss(stamp_ns, history, delay.corrected_s) if jump.elsewhere else None
-        if lost is not None and bank.best is not None and verdict is ALL_WELL:
-            self.integrity.suspect_mirror(stamp_ns, bank.best.filter.pose, lost)
+        if jump.elsewhere and self.held is None:
+            self._find(stamp_ns, bank, end, history, delay.corrected_s)
             verdict = self.verdict
         if verdict.late_s is not None and verdict.late_s > 0.0 and delay.take(verdict.late_s, NAMED_DELAY_DEVIATION_S):
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
@@ -110,8 +115,9 @@ class Safeguard:
             bank.take_delay(0.0, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
             return ()
+        self._same_end &= jump.keeps_end and (before.images or before.is_guess)
         if before.images and not verdict.images:
-            self._hold(stamp_ns, end, history, delay.corrected_s)
+            self._hold(stamp_ns, bank, end, history, delay.corrected_s)
         elif before.odometry and not verdict.odometry:
             self._forget_odometry(bank)
         elif verdict.images and self.held is not None:
@@ -151,12 +157,25 @@ class Safeguard:
         if not self._kept or stamp_ns - self._kept[-1].stamp_ns >= 1e9 * KEPT_EVERY_S:
             self._kept.append(Kept(stamp_ns, one.loosened(np.zeros((3, 3))), end.memory))
 
-    def _before_loss(self, stamp_ns: int, history: MotionHistory, late_s: float) -> Pose | None:
-        """Where the pose of before its loss would be by now: the first images of a fault may have moved it already."""
+    def _find(self, stamp_ns: int, bank: Bank, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
+        """A pose is found elsewhere, soon after one was lost: it may be by mirrored images, and its end is that of the
+        other if only there it is near where that would be by now.
+        """
+        # the first images of a fault may have moved the newest ones already
         kept = next((one for one in self._kept if stamp_ns - one.stamp_ns < 1e9 * MAX_LOST_S), None)
-        return None if kept is None else kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s)).pose
+        if kept is None or bank.best is None:
+            return
+        carried = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
+        found = bank.best.filter.pose
+        if self.verdict is ALL_WELL and self.integrity.suspect_mirror(stamp_ns, found, carried.pose):
+            return
+        here, there = self._may_be(carried, 1e-9 * (stamp_ns - kept.stamp_ns)).distances2(found)
+        if end.symmetric and min(here, there) < ALLOWED and abs(here - there) > CLEARLY:
+            end.recall(kept.end)
+            if there < here:
+                bank.swap_ends()
 
-    def _hold(self, stamp_ns: int, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
+    def _hold(self, stamp_ns: int, bank: Bank, end: FieldEnd, history: MotionHistory, late_s: float) -> None:
         """Go back to before the fault, as far as it is known when that was."""
         if not self._kept:
             return
@@ -166,25 +185,32 @@ class Safeguard:
         if stamp_ns - kept.stamp_ns < 1e9 * MAX_LOST_S:
             self.held = kept.filter.ahead(delayed(history, kept.stamp_ns, stamp_ns, late_s))
             self._held_since_ns = stamp_ns
+            assert bank.best is not None
+            near = self._may_be(self.held, 0.0).allows(bank.best.filter.pose)
+            self._same_end = self.verdict.is_guess and near
             end.recall(kept.end)
             self._kept.clear()
 
     def _release(self, stamp_ns: int, bank: Bank, end: FieldEnd) -> None:
         """Images are consistent again: at which end is the pose that they show?"""
+        self.integrity.offsets.begin_again()
         held, best, self.held = self.held, bank.best, None
         if held is None or best is None:
             return
-        if stamp_ns - self._held_since_ns > 1e9 * MAX_HELD_S:
-            end.leave_open()
-            return
-        here, there = (_distance2(pose, held, best.filter) for pose in (best.filter.pose, best.filter.pose.mirrored()))
-        if end.symmetric and there < here:
-            bank.swap_ends()
-        if min(here, there) > ALLOWED or (end.symmetric and abs(here - there) < CLEARLY):
-            end.leave_open()
+        if self.verdict.odometry or not self._same_end:  # else it was the odometry, and the images never to blame
+            here, there = self._may_be(held, 1e-9 * (stamp_ns - self._held_since_ns)).distances2(best.filter.pose)
+            if end.symmetric and there < here:
+                bank.swap_ends()
+            if min(here, there) > ALLOWED or (end.symmetric and abs(here - there) < CLEARLY):
+                end.leave_open()
         assert bank.best is not None
         bank.reset(held.placed(bank.best.filter.pose, bank.best.filter.covariance))
         bank.confirmed = True
+
+    @staticmethod
+    def _may_be(held: Filter, seconds: float) -> Predicted:
+        """Where the robot may be by a pose that has been carried for so long."""
+        return Predicted(held.pose.as_array(), held.covariance + MISTRUSTED * (1.0 + seconds / HELD_TWICE_S) ** 2)
 
     def _forget_odometry(self, bank: Bank) -> None:
         """What the fault has taught of scales, delay and camera."""
@@ -194,16 +220,9 @@ class Safeguard:
                 one.filter = before.placed(one.filter.pose, one.filter.covariance)
 
 
-def _distance2(pose: Pose, held: Filter, seen: Filter) -> float:
-    off: FloatArray = pose.as_array() - held.pose.as_array()
-    off[2] = wrap_angle(float(off[2]))
-    distance2 = float(off @ np.linalg.solve(held.covariance + seen.covariance, off))
-    return distance2 if math.isfinite(distance2) else math.inf
-
-
-def jump_of(best: Member | None, predicted: FloatArray | None, expected: bool) -> Jump:
-    """From the pose (3,) that was predicted, if one was followed. expected: something has moved the robot unseen."""
-    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose.as_array() - predicted)
+def jump_of(best: Member | None, predicted: Predicted | None, expected: bool) -> Jump:
+    """From the pose that was predicted, if one was followed. expected: something has moved the robot unseen."""
+    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose.as_array() - predicted.pose)
     if predicted is None or (elsewhere and expected):
         return Jump(None, True)
-    return Jump(Pose(*predicted.tolist()), elsewhere)
+    return Jump(as_pose(predicted.pose), elsewhere, best is not None and predicted.allows(best.filter.pose))
