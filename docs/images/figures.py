@@ -32,6 +32,13 @@ from touchline.localization.registration.registration import TRACKING, Registrat
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs" / "benchmark" / "figures.json"
+SPEED = FILE.with_name("speed.json")  # written by benchmarks/speed.py
+WAITING = {
+    "demo": ("first `touchline demo` in an empty cache, processor time", "s", 1.0, "≤ 0.5 ×"),
+    "compile": ("`touchline compile`, processor time", "s", 1.0, "≤ 0.5 ×"),
+    "locate": ("`touchline locate POINTS.csv`, code cached", "s", 1.0, "0.7 s"),
+    "locate warm": ("`touchline.locate` once more", "ms", 1e3, "30 ms"),
+}
 RECORDINGS = {
     "omni_msl_track": ("quiet run, three standing robots", "mean ≤ 1.5, largest ≤ 6, heading ≤ 0.3"),
     "omni_msl_match": ("eight robots, a third of the view hidden, two shoves", "never 20 off"),
@@ -154,6 +161,26 @@ def drawn(found: dict[str, Any]) -> dict[str, list[str]]:
     }  # fmt: skip
 
 
+def drawn_speed(found: dict[str, Any]) -> dict[str, list[str]]:
+    """The same of what a team waits for."""
+    rows = ["| what | before the issue (a2f8f31) | now | ratio | aim |", "|---|---:|---:|---:|---:|"]
+    for key, (what, unit, scale, aim) in WAITING.items():
+        before, now = (scale * found[key][when] for when in ("before", "now"))
+        rows.append(f"| {what} | {before:.3g} {unit} | {now:.3g} {unit} | {now / before:.2f} | {aim} |")
+    seasons = [
+        "| season, 2 workers, decoding and start included | images/s of a core | aim | memory of a worker | aim |"
+    ]
+    seasons.append("|---|---:|---:|---:|---:|")
+    for kind, aim in (("mirror", 300), ("perspective", 180)):
+        one = found[kind]
+        whole = [whole for whole, _ in one["memory_mb"]]
+        memory = f"{whole[1]:.0f} MB in the second quarter, {whole[-1]:.0f} in the last"
+        rate = one["images"] / one["processor_s"]
+        seasons.append(f"| {kind} cameras, {one['images']} images | {rate:.0f} | {aim} | {memory} | 300 MB |")
+    beside = f", {found['cores']} cores; others' programs beside it, load {found['load']:.0f}"
+    return {"speed": [f"{found['machine']}{beside}.", "", *rows, "", *seasons]}
+
+
 def _cm(metres: float) -> str:
     return f"{100.0 * metres:.2f} cm"
 
@@ -167,6 +194,7 @@ def main(arguments: list[str]) -> None:
     if arguments[:1] == ["--measure"]:
         FILE.write_text(json.dumps(measured(Path(arguments[1])), indent=1) + "\n", encoding="utf-8")
     tables = drawn(json.loads(FILE.read_text(encoding="utf-8")))
+    tables |= drawn_speed(json.loads(SPEED.read_text(encoding="utf-8")))
     for page in (ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "docs" / "touchline.md"):
         text = page.read_text(encoding="utf-8")
         for name, lines in tables.items():
