@@ -19,7 +19,7 @@ from typing import Any
 from touchline.api import prepare
 
 _EVERY_S = 1e-3
-_WIDTH, _ROW, _CHARACTER, _LEAST = 1200.0, 17, 6.2, 3.0  # px
+_WIDTH, _ROW, _CHARACTER, _MIN_PX = 1200.0, 17, 6.2, 3.0  # px
 _LEARNING = 10  # images at the start that are not looked at
 
 
@@ -58,7 +58,7 @@ def drawn(stacks: Counter[tuple[str, ...]], title: str) -> str:
             below = {stack[1:]: count for stack, count in part.items() if stack and stack[0] == name}
             count = sum(below.values())
             width = _WIDTH * count / total
-            if width >= _LEAST:
+            if width >= _MIN_PX:
                 boxes.append(_box(name, left, level, width, 100.0 * count / total))
                 place(below, left, level + 1)
             left += width

@@ -51,7 +51,7 @@ class Season(NamedTuple):
 
 
 def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> Season:
-    """Localize so many."""
+    """Localize `count` recordings, these in turn; what it took."""
     season = folder / "season.txt"
     links = [folder / f"{k:04d}-{recordings[k % len(recordings)].name}" for k in range(count)]
     for k, link in enumerate(links):
@@ -59,14 +59,14 @@ def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> S
     season.write_text("\n".join(map(str, links)))
     command = [sys.executable, "-m", "touchline", "run", str(season), "--output", str(folder / "runs")]
     before, begun_s, sizes = os.times(), time.perf_counter(), []
-    process = subprocess.Popen(
-        [*command, "--workers", str(workers), "--report", "none"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
-    while process.poll() is None:
-        sizes.append(largest_mb(process.pid))
-        time.sleep(0.5)
+    with (folder / "said.txt").open("w") as said:
+        command += ["--workers", str(workers), "--report", "none"]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
+        while process.poll() is None:
+            sizes.append(largest_mb(process.pid))
+            time.sleep(0.5)
     if process.returncode:
-        sys.exit(process.communicate()[1].decode())
+        sys.exit((folder / "said.txt").read_text())
     wall_s, spent = time.perf_counter() - begun_s, os.times()
     with (folder / "runs" / "runs.csv").open() as file:
         images = sum(int(row["images"] or 0) for row in csv.DictReader(file))

@@ -106,7 +106,8 @@ def main() -> None:
         with TemporaryDirectory() as scratch:
             folder = Path(scratch)
             if name in COMMANDS:
-                found[name] = {when: COMMANDS[name](checkout, folder) for when, checkout in checkouts.items()}
+                taken = {when: COMMANDS[name](checkout, folder) for when, checkout in checkouts.items()}
+                found[name] = {**found.get(name, {}), **taken}
             else:
                 recordings = [given.folder / each for each in _SEASONS[name]]
                 found[name] = measure(recordings, given.recordings, 2, folder)._asdict()

@@ -106,7 +106,7 @@ def test_one_line_that_lies_aside_does_not_shift_the_mirror(field: FieldModel) -
     laid = replace(field, segments=segments)
     found = calibrated(field, laid, [Pose(3.0, -1.5, 0.7)], tangent_table(), np.random.default_rng(2))
     assert np.abs(found.shape.center - CENTER).max() < 0.4
-    assert np.abs(ratios(found, tangent_table())).max() < 0.016
+    assert np.abs(ratios(found, tangent_table())).max() < 0.016  # 0.012 were no line free to lie along its edge
 
 
 def test_a_file_with_the_lines_outer_edges_does_not_shift_the_mirror(field: FieldModel) -> None:

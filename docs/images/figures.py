@@ -163,7 +163,7 @@ def drawn(found: dict[str, Any]) -> dict[str, list[str]]:
 
 def drawn_speed(found: dict[str, Any]) -> dict[str, list[str]]:
     """The same of what a team waits for."""
-    rows = ["| what | before the issue (a2f8f31) | now | ratio | aim |", "|---|---:|---:|---:|---:|"]
+    rows = ["| what | at a2f8f31 | now | ratio | aim |", "|---|---:|---:|---:|---:|"]
     for key, (what, unit, scale, aim) in WAITING.items():
         before, now = (scale * found[key][when] for when in ("before", "now"))
         rows.append(f"| {what} | {before:.3g} {unit} | {now:.3g} {unit} | {now / before:.2f} | {aim} |")

@@ -101,13 +101,13 @@ def localize_all(
         try:
             if estimates is not None:
                 _place(targets[row["recording"]], partial(write_estimates, table=estimates))
-        except TouchlineError as error:
-            row["failure"] = row["failure"] or str(error)
+        except Exception as error:  # one recording's is no end of the others
+            row["failure"] = row["failure"] or (str(error) if isinstance(error, TouchlineError) else unexpected(error))
         rows[row["run"]] = row
         journal.append(row)
         on_row(row, len(tasks) - done)
     found = [rows[name] for name in names]
-    for place in {str(folder), output}:
+    for place in [str(folder), *([output] if away else [])]:
         _place(place, partial(write_runs, rows=found))
     return found
 

@@ -178,9 +178,9 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
             f"the lines leave the mirror's centre uncertain by ± {center:.1f} px: take several images, best while the "
             "robot turns on the spot"
         )
-    if not (ratio := calibration.range_ratio) <= MAX_RANGE_RATIO:
-        percent = min(100.0, 100 * ratio)
-        raise NoFitError(f"the lines leave ranges uncertain by ± {percent:.0f} %: more lines must be in view")
+    if not (ratio := calibration.range_ratio) <= MAX_RANGE_RATIO:  # nan is none
+        how = f"uncertain by ± {100 * ratio:.0f} %" if ratio < 1.0 else "unknown"
+        raise NoFitError(f"the lines leave ranges {how}: more lines must be in view")
 
 
 def _lines_seen(

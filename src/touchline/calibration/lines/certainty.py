@@ -78,7 +78,8 @@ class Certainty(NamedTuple):
 def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certainty:
     """The certainty of a fit, whose points scatter as it supposes or in groups that err together (Huber's sandwich),
 
-    whichever says more. What no point tells is as uncertain as was supposed. Raises NoFitError where that is anything.
+    whichever says more. What no point tells is as uncertain as was supposed. Raises NoFitError where the matrix is
+    singular or a variance is not positive.
     """
     fit, expected, _ = found
     size = len(fit.mirror)
@@ -95,7 +96,7 @@ def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certain
     scatters = [measured, *(_scatter(added, groups) for groups in (_cells(points.places), sectors))]
     whole = np.array([inverse @ (scatter + supposed) @ inverse for scatter in scatters])
     variances = np.diagonal(whole, axis1=1, axis2=2).max(axis=0)
-    if not np.all(variances > 0.0):
+    if not np.all((variances > 0.0) & np.isfinite(variances)):
         raise NoFitError(SINGULAR)
     deviations = np.sqrt(variances)
     radii = np.hypot(*offset.T)[residuals < WIDTHS[-1]]

@@ -60,10 +60,7 @@ def calibrate_images(
         found = points_through(before, images, field.line_width)
         used = tuple(k for k, one in enumerate(found) if len(one) >= _MIN_POINTS)
         if not used:
-            raise NoFitError(
-                f"no image shows {_MIN_POINTS} line points: too little light, or a view that is not free, is the "
-                "likelier cause"
-            )
+            raise NoFitError(f"no image shows {_MIN_POINTS} line points: is there light enough, and the view free?")
         pixels = [found[k] for k in used]
         lines = calibrate_points(pixels, circle.center, circle.radius_px, field, handedness, seed)
         rough = camera_of(lines, size, _INNER * circle.radius_px, circle.radius_px)
