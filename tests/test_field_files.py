@@ -307,3 +307,13 @@ def test_rows_of_another_shape_are_refused_in_python_too() -> None:
         FieldModel(name="f", length=9, width=6, line_width=0.05, segments=np.zeros((2, 3)))
     with pytest.raises(InputError, match="arcs, row 1: holds a value that is not finite"):
         FieldModel(name="f", length=9, width=6, line_width=0.05, arcs=[(0, 0, 1, 0, math.inf)])
+
+
+def test_the_same_field_again_is_the_same_model_and_one_with_another_remark_is_not(tmp_path: Path) -> None:
+    for name, more in (("one", ""), ("same", ""), ("other", "description: with letters\n")):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, MINIMAL + more)
+    one, same, other = (open_field(tmp_path / name) for name in ("one", "same", "other"))
+    assert one is same
+    assert other is not one
+    assert other.description == "with letters"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pyarrow.parquet
@@ -17,7 +19,7 @@ from touchline.evaluation.workers import open_workers
 from touchline.season import Command, find_recordings, is_season, localize_all
 from touchline.season.recordings import folder_names
 from touchline.season.runs import JOURNAL
-from touchline.season.tables import RUNS_CSV
+from touchline.season.tables import RUNS_CSV, write_estimates
 from touchline.sources import BagOptions
 
 NAMES = ("omni_msl_kidnap", "omni_msl_sun")
@@ -151,3 +153,24 @@ def test_tables_of_columns(season: Path, tmp_path: Path) -> None:
     estimates = pyarrow.parquet.read_table(tmp_path / "out" / NAMES[1] / "estimates.parquet")
     assert estimates.num_rows == runs[2]["images"]
     assert {"stamp_ns", "x_m", "heading_rad", "status", "protection_m"} <= set(estimates.column_names)
+
+
+def test_estimates_that_cannot_be_written_are_one_recordings_failure(
+    season: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(folder: Path, table: object) -> None:
+        if NAMES[0] in str(folder):
+            raise OSError("no space left")
+        write_estimates(folder, table)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("touchline.season.runs.write_estimates", full)
+    assert run_many(season, tmp_path / "out") == 1
+    rows = rows_of(tmp_path / "out")
+    assert "no space left" in rows[NAMES[0]]["failure"]
+    assert not rows[NAMES[1]]["failure"]
+    assert (tmp_path / "out" / NAMES[1] / "estimates.parquet").exists()
+
+
+def test_workers_need_no_pyarrow() -> None:
+    code = "import sys, touchline.season.runs; sys.exit('pyarrow' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
