@@ -305,6 +305,7 @@ class MotionRelation:
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
         self._delay_loss = 0.0  # of late, by a delay that is corrected
         self._alarmed: tuple[int, float] | None = None  # explanation and parameter
+        self._named: tuple[int, Culprit] | None = None  # explanation, until its alarm is over
         self.clock_s = 0.0  # by how much later images are stamped since they come otherwise
         self._since_clock = 0  # steps since then
 
@@ -471,14 +472,15 @@ class MotionRelation:
         named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
         """
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
+        images, odometry = self._gyro_agrees()
+        by_gyro = odometry < images if self._gyro_tells(images, odometry) else None
+        if self._named is not None:
+            named, culprit = self._named
+            if gains[named] > gains[best] - CLEARLY and by_gyro in (None, culprit is Culprit.IMAGES):
+                return named
         if best >= count:
             return best
-        images, odometry = self._gyro_agrees()
-        by_images = self._unbroken < WINDOW
-        if self._alarmed is not None and self._alarmed[0] < count:
-            by_images = bool(_BY_IMAGES[self._alarmed[0]])
-        if self._gyro_tells(images, odometry):
-            by_images = odometry < images
+        by_images = self._unbroken < WINDOW if by_gyro is None else by_gyro
         of_culprit = np.where(by_images == _BY_IMAGES, gains[:count], -np.inf)
         other = int(np.argmax(of_culprit))
         return other if of_culprit[other] > gains[best] - CLEARLY else best
@@ -528,11 +530,11 @@ class MotionRelation:
 
     def end_alarm(self) -> None:
         """What was named is over."""
-        self._alarmed = None
+        self._alarmed = self._named = None
 
     def suspect(self, index: int, parameter: float) -> None:
-        """Take a fault to last until the motion refutes it."""
-        self._alarmed, self._since_alarm = (index, parameter), 0
+        """Take a fault of the images to last until the motion refutes it."""
+        self._alarmed, self._named, self._since_alarm = (index, parameter), (index, Culprit.IMAGES), 0
 
     def set_clock(self, change_s: float) -> None:
         """Images come stamped later by so much from now on."""
@@ -557,6 +559,11 @@ class MotionRelation:
         """What explains the contradiction, as far as anything does; until `agrees` it is taken to last."""
         lasts = self.is_explained and (self._best <= ROTATION or self._best >= FIRST_LAG)
         self._alarmed, self._since_alarm = (self._best, self.parameter) if lasts else None, 0
+        explanation = self._explanation()
+        self._named = (self._best, explanation.culprit) if self.is_explained else None
+        return explanation
+
+    def _explanation(self) -> Explanation:
         if not self.is_explained:
             return self._unexplained()
         if self._best < len(SIGNS):
