@@ -240,7 +240,7 @@ OTHERS: dict[str, Any] = {
     "min_points": 60,
     "min_explained": 0.97,
     "min_probability": 0.999999,
-    "blind_frames": 60,
+    "blind_frames": {"mirror": 1, "perspective": 60},
     "search_every": 1,
     "compass": False,
     "compass_sigma_rad": 1.0,
