@@ -76,7 +76,7 @@ def test_a_displaced_camera_is_found_in_turns() -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.1])
-def test_a_camera_that_is_displaced_of_a_sudden_is_within_the_bound_before_the_robot_turns(late_s: float) -> None:
+def test_a_camera_that_is_displaced_suddenly_is_within_the_bound_before_the_robot_turns(late_s: float) -> None:
     """Late images, which are certain by then, say nothing against it; a shove, which turns the robot, is none."""
     displaced = driven(Pose(0.3, 0.0, 0.0), late_s, turns=False, speed_m_s=2.0, since=40)
     shoved = driven(Pose(0.3, 0.0, 0.15), turns=False, since=40)

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from touchline.types import ImageArray
 
 MODELS = "omni", "pinhole", "fisheye"
-_SURELY, _EDGE = 3.0, 0.25  # standard deviations, and of a line's width: from there on lines lie elsewhere than told
+# standard deviations, and of a line's width: from there on it is said that all lines lie aside
+_SURELY, _EDGE = 3.0, 0.25
 _HANDEDNESS = (
     "1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, and said."
 )

@@ -33,7 +33,8 @@ def load_field(path: Path) -> FieldModel:
 
 
 @functools.lru_cache(maxsize=2)
-def _first_of_equal(field: FieldModel, *_of_no_equality: object) -> FieldModel:
+def _first_of_equal(field: FieldModel, *_not_compared: object) -> FieldModel:
+    """The model of the first call with equal arguments; description and letters, which a field's == leaves out, too."""
     return field
 
 

@@ -93,7 +93,8 @@ def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
 
 def with_signs(moved: Delayed, signs: Sequence[int], seconds: float) -> Delayed:
     """A motion over some time by an odometry of whose (ahead, aside, turn) some have the wrong sign (-1). The others
-    may have it, too: a robot that has not turned does not show it. Uncertain as one that no odometry tells.
+    may have it, too: a robot that has not turned does not show it. It counts as missing odometry, so that other
+    starts are tried.
     """
     step = moved.motion.pose.as_array()
     variances = np.where(np.array(signs) < 0, _FLIPPED, _UNPROVED) * np.abs(step)

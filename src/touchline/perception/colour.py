@@ -170,7 +170,7 @@ def _members(blurred: FloatArray, center: FloatArray) -> BoolArray:
 
 
 def _neither_glaring_nor_dark(pixels: FloatArray) -> BoolArray:
-    """Which of pixels (N, 3) have a colour that can be told."""
+    """Which of pixels (N, 3) have a colour: neither saturated nor too dark for one."""
     brightest = np.maximum(np.maximum(pixels[:, 0], pixels[:, 1]), pixels[:, 2])
     bright: BoolArray = (brightest < 250.0) & (channel_sums(pixels) > _DARKEST_SUM)
     return bright

@@ -178,9 +178,8 @@ def exceeded_moving(sets, speed, rate):  # type: ignore[no-untyped-def]
     return exceeded_by(of_position), exceeded_by(of_heading)
 
 
-_Measured = tuple[
-    tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int
-]  # of an image, as `corrected` takes it
+# of an image, as `corrected` takes it
+_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int]
 
 
 class _Belief(NamedTuple):
@@ -220,7 +219,7 @@ class ConstantOffsets:
         self._begin(np.zeros(3) if start is None else start.as_array(), covariance)
 
     def begin_again(self) -> None:
-        """Images are trusted again: those that were not have told nothing if less is known by now than at first."""
+        """Images are trusted again: if less is known by now than at first, those before have taught nothing."""
         if (np.diag(self._joint)[TURNED:] > AT_FIRST**2).any():
             self._forget(AT_FIRST[LATE - TURNED] ** 2)
 
@@ -238,7 +237,7 @@ class ConstantOffsets:
             self._take(self._waiting.pop(0), history, steps)
 
     def blind(self, velocity: FloatArray) -> None:
-        """The odometry is wrong: what it told of the camera says nothing. velocity (3,): by images, robot frame."""
+        """The odometry is wrong: what was learned with it says nothing. velocity (3,): by images, robot frame."""
         self._forget(BLIND_LATE_S**2)
         self._velocity = velocity
 

@@ -96,8 +96,8 @@ class Verdict(NamedTuple):
 
 
 class Jump(NamedTuple):
-    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found anew, farther away;
-    keeps_end: whether a robot that was expected there may be here, and not at the twin.
+    """Where the pose was expected, None if it was not followed; elsewhere: whether it was found farther off than a
+    shove moves it; keeps_end: whether a robot that was expected there may be here, and not at the twin.
     """
 
     predicted: Pose | None
@@ -503,12 +503,10 @@ class Integrity:
             reason = self._image_reason(max(images, key=lambda one: images[one]))
             self.verdict = Verdict(False, self.verdict.odometry, reason)
         elif not self.verdict.reason or (self.relation.is_explained and self.relation.contradicts):
-            explanation = self.relation.blame()
-            odometry = explanation.culprit is Culprit.ODOMETRY
             relation = self.relation
-            self.verdict = Verdict(
-                odometry, not odometry, explanation.text, relation.late_s, is_guess=relation.is_guess
-            )
+            explanation = relation.blame()
+            odometry, is_guess = explanation.culprit is Culprit.ODOMETRY, relation.is_guess
+            self.verdict = Verdict(odometry, not odometry, explanation.text, relation.late_s, is_guess=is_guess)
 
     def _image_reason(self, name: str) -> str:
         if name == "carpet":

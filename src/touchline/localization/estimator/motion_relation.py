@@ -468,7 +468,7 @@ class MotionRelation:
 
     def _likeliest(self, gains: FloatArray) -> int:
         """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
-        that are turned or mirrored of a sudden, whose chain of poses breaks, as that of an odometry does not. What was
+        that are turned or mirrored suddenly, whose chain of poses breaks, as that of an odometry does not. What was
         named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
         """
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
@@ -515,7 +515,7 @@ class MotionRelation:
 
     @property
     def signs(self) -> tuple[int, int, int] | None:
-        """Of the odometry's (ahead, aside, turn), where the newest steps clearly tell that they are wrong."""
+        """Of the odometry's (ahead, aside, turn), where the newest steps clearly show that they are wrong."""
         by_odometry = 0 <= self._best < len(SIGNS) and not _BY_IMAGES[self._best]
         if not by_odometry or self.gain < MAX_GAIN or self._left > MAX_MEAN or not self.contradicts:
             return None

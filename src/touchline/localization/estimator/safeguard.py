@@ -67,9 +67,7 @@ class Safeguard:
         self._kept: deque[Kept] = deque(maxlen=8)
         self.held: Filter | None = None
         self._held_since_ns = 0
-        self._same_end = (
-            True  # whether the poses by images have gone on since from the held one, only a guess against them
-        )
+        self._same_end = True  # whether poses by images have gone on from the held one, a guess alone against them
 
     @property
     def verdict(self) -> Verdict:
@@ -78,7 +76,7 @@ class Safeguard:
 
     def motion(self, history: MotionHistory, span_ns: tuple[int, int], late_s: float) -> Delayed:
         """Since the last image: by the odometry; where that is distrusted, with its signs put right, if they explain
-        all, or as the images told until then.
+        all, or as the images have shown it until then.
         """
         if self.verdict.odometry:
             return delayed(history, *span_ns, late_s)
