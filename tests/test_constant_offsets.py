@@ -37,9 +37,11 @@ def driven(
     outliers: Sequence[int] = (),
     blurred: bool = False,
     since: int = 0,
+    gyro: float | None = None,
 ) -> ConstantOffsets:
     """Drive with changing speed and turns; each image shows the robot's pose composed with an offset; outliers: images
-    that show it elsewhere. blurred: whether they may. since: the first image with the offset.
+    that show it elsewhere. blurred: whether they may. since: the first image with the offset. gyro: its share of the
+    turns that the odometry tells; None: there is none.
     """
     rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
     offsets.reset()
@@ -53,7 +55,13 @@ def driven(
         seconds = k / RATE_HZ
         fine = seconds - np.arange(4, -1, -1) / (5.0 * RATE_HZ) + 1.0
         samples = Samples((1e9 * fine).astype(np.int64), np.array([tuple(pose_at(one)) for one in fine]))
-        history.add(Frame(round(1e9 * (seconds + 1.0)), odometry=samples))
+        rates = None
+        if gyro is not None:
+            turning = [
+                gyro * (pose_at(one + 0.01).heading - pose_at(one - 0.01).heading) / 0.02 for one in fine.tolist()
+            ]
+            rates = Samples(samples.stamp_ns, np.outer(turning, [0.0, 0.0, 1.0]))
+        history.add(Frame(round(1e9 * (seconds + 1.0)), odometry=samples, gyro=rates))
         seen: FloatArray = pose_at(seconds + 1.0 - late_s).compose(
             offset if k >= since else Pose(0.0, 0.0, 0.0)
         ).as_array() + rng.normal(0, 0.005, 3)
@@ -82,6 +90,15 @@ def test_a_camera_that_is_displaced_suddenly_is_within_the_bound_before_the_robo
     shoved = driven(Pose(0.3, 0.0, 0.15), turns=False, since=40)
     assert 0.4 < displaced.bound[0] < 0.9
     assert shoved.bound[0] < 0.3
+
+
+@pytest.mark.parametrize(("gyro", "least", "most"), [(1.0, 0.105, 0.3), (None, 0.0, 0.1), (-1.0, 0.0, 0.1)])
+def test_images_that_turn_at_once_are_a_turned_camera_if_gyro_and_odometry_felt_nothing(
+    gyro: float | None, least: float, most: float
+) -> None:
+    """6 degrees and 0.1 m, in the last two images; without a gyro that agrees a shove may have turned the robot."""
+    turned = driven(Pose(0.1, 0.0, 0.105), since=78, gyro=gyro)
+    assert least < turned.bound[1] < most
 
 
 def test_what_only_turns_show_stays_unknown_without_them() -> None:

@@ -476,15 +476,17 @@ def test_images_that_lay_on_no_line_leave_a_pose_on_probation() -> None:
 
 
 def test_a_bound_is_never_narrower_than_odometry_and_gyro_are_apart() -> None:
-    assert _unseen_rad(0.02, -0.02) == pytest.approx(0.04)
-    assert _unseen_rad(1.0, 1.01) == pytest.approx(GYRO_RATIO)
+    assert _unseen_rad(0.02, 0.04) == pytest.approx(0.04)
+    assert _unseen_rad(1.0, 0.01) == pytest.approx(GYRO_RATIO)
     assert _unseen_rad(1.0, 0.5) == _unseen_rad(-1.0, math.nan) == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize(("gyro", "confirmed", "tracked"), [(None, False, False), (1.0, False, True),
-                                                            (-1.0, False, False), (None, True, True)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("gyro", "confirmed", "tracked"),
+    [(None, False, False), (1.0, False, True), (-1.0, False, False), (None, True, True), (-1.0, True, False)],
+)
 def test_a_turn_that_no_image_shows_needs_a_witness(gyro: float | None, confirmed: bool, tracked: bool) -> None:
-    """The odometry's sign may be wrong until a turn was confirmed; the gyro is another witness."""
+    """The odometry's sign may be wrong until a turn was confirmed; the gyro is another witness, for and against it."""
     integrity = open_system("touchline", match().setup).safeguard.integrity  # type: ignore[attr-defined]
     history, stamps_ns = MotionHistory(), 10_000_000 * np.arange(1, 101)
     turns = 0.8 * np.linspace(0.0, 1.0, 100)

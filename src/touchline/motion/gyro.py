@@ -11,6 +11,7 @@ from touchline.types import MAX_VALUE, Samples
 
 NOISE_RAD = 0.002  # random heading error after one second, growing with the root of the time
 GAP_S = 0.25  # time without a reading after which the turn in it is unknown: two of a slow one
+MAX_BEYOND_NS = 100_000_000  # after the newest reading, over which the turn is taken as known
 
 
 class GyroSettings(Settings):
@@ -56,6 +57,13 @@ class IntegratedGyro:
         """Mean of the turning rates read from one stamp to another, both included; None without one."""
         rates_rad_s = [rate_rad_s for _, rate_rad_s in self.integral.samples.rows_within(start_ns, end_ns)]
         return math.fsum(rates_rad_s) / len(rates_rad_s) if rates_rad_s else None
+
+    def turn_rad(self, start_ns: int, end_ns: int) -> float:
+        """The turn (rad, not wrapped) from one stamp to another; NaN where the readings don't tell it."""
+        known = self.integral.samples
+        if not len(known) or known.first_ns > start_ns or known.last_ns < end_ns - MAX_BEYOND_NS:
+            return math.nan
+        return known.at(end_ns)[0] - known.at(start_ns)[0]
 
     def forget_before(self, stamp_ns: int) -> None:
         """Forget what isn't needed to look up angles from a stamp on."""

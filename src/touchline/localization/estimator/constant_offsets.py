@@ -28,8 +28,10 @@ AT_FIRST = np.array([0.12, 0.15, 0.15, 0.08])  # their standard deviations, of a
 TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.008, 0.002, 0.02  # shares of all robots that have one of them
 USUAL_CAMERA = TURNED_ROBOTS, DISPLACED_ROBOTS
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
-CAMERA_MOVED = 0.5  # probability of a turn where images turn at once, by more than TURN, about where the robot stands
-TURN, STANDS_M = 0.05, 0.03
+# probability of a turn where images turn at once, by more than TURN, about where the robot stands: a shove would have
+# moved it; and by more than UNFELT, and far more than gyro and odometry are apart
+CAMERA_MOVED, TURN, STANDS_M = 0.5, 0.05, 0.03
+CAMERA_TURNED, UNFELT, UNFELT_M = 0.9, 0.02, 0.5
 # probability of a displacement where images of a robot on wheels jump by more than that and do not turn: a shove turns
 CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
 RISK = 1e-3  # probability of an error beyond its bound
@@ -39,6 +41,7 @@ DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
 UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
 VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
 SCALE = 0.1  # of the odometry
+GYRO_SCALE, GYRO_BIAS_RAD_S = 0.02, 0.01  # errors of a turn in which odometry and gyro agree
 JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may have changed
 CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
@@ -53,8 +56,10 @@ ACCELERATION = 3.0, 6.0  # of robots on wheels (m/s², rad/s²): a speed changes
 
 
 @njit(cache=True, error_model="numpy")
-def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def]
-    """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it."""
+def followed(state, joint, step, noise, seconds, apart):  # type: ignore[no-untyped-def]
+    """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it. apart: how far
+    the gyro's turn is from its (rad); NaN where there is none.
+    """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     x, y = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
     state[0] += x
@@ -64,6 +69,8 @@ def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def
     move[0, 2], move[1, 2] = -y, x
     for k in range(3):
         spread[k, k] += (SCALE * step[k]) ** 2
+    if apart == apart:
+        spread[2, 2] = apart**2 + (GYRO_SCALE * step[2]) ** 2 + (GYRO_BIAS_RAD_S * seconds) ** 2
     moved = times(times(move, joint), move.T)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     add_to(moved, times(times(turn, spread), turn.T), 1.0)
@@ -75,11 +82,11 @@ def followed(state, joint, step, noise, seconds):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, prior, seen, way, stamp_ns, may_change):  # type: ignore[no-untyped-def]
+def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
-    samples. prior (4,): standard deviations, of those that have grown anew. Returns the velocity (3,) of `taken`, and
-    by how much the variances (3,) of the way, heading and turn have grown; negative if the image lies elsewhere,
-    may_change is not set, and nothing was taken.
+    samples. prior (4,): standard deviations, of those that have grown anew. apart: as of `followed`. Returns the
+    velocity (3,) of `taken`, and by how much the variances (3,) of the way, heading and turn have grown; negative if
+    the image lies elsewhere, may_change is not set, and nothing was taken.
     """
     (seen, covariance), (since, bend, velocity) = seen, taken(way, stamp_ns, state[LATE], joint[LATE, LATE])
     cosine, sine = math.cos(state[2]), math.sin(state[2])
@@ -109,7 +116,8 @@ def corrected(state, joint, prior, seen, way, stamp_ns, may_change):  # type: ig
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
         more[0], more[1], more[2], more[3] = way2, way2, turn2, CHANGED * turn2
-        if turn2 > TURN**2 and way2 < STANDS_M**2:  # a shove would have moved the robot, too
+        stands = turn2 > TURN**2 and way2 < STANDS_M**2  # a shove would have moved the robot, too
+        if stands or (turn2 > (UNFELT + 3.0 * apart) ** 2 and way2 < UNFELT_M**2):
             more[3] = turn2
         more[4], more[5], more[6] = CHANGED * aside2, CHANGED * aside2, CHANGED * late2
         for k in range(7):
@@ -179,7 +187,7 @@ def exceeded_moving(sets, speed, rate):  # type: ignore[no-untyped-def]
 
 
 # of an image, as `corrected` takes it
-_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int]
+_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int, float]
 
 
 class _Belief(NamedTuple):
@@ -260,18 +268,22 @@ class ConstantOffsets:
             return
         seconds = math.inf if before_ns is None else max(1e-9 * (sighting.stamp_ns - before_ns), 0.01)
         others, self._others = self._others, []
+        apart = math.nan
         if seconds < MAX_GAP_S:
             assert before_ns is not None
-            motion = history.between(before_ns, max(sighting.stamp_ns, before_ns))
+            span_ns = before_ns, max(sighting.stamp_ns, before_ns)
+            motion = history.between(*span_ns)
+            apart = abs(wrap_angle(history.gyro.turn_rad(*span_ns) - motion.pose.heading))
             for each in (self._state, self._joint), *((one.state, one.joint) for one in others):
-                followed(*each, motion.pose.as_array(), steps.of(motion), seconds)
+                followed(*each, motion.pose.as_array(), steps.of(motion), seconds, apart)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
         if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
         self._given = False
-        seen = ((sighting.pose, sighting.covariance), history.odometry.samples.arrays, sighting.stamp_ns)
+        image = sighting.pose, sighting.covariance
+        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, apart)
         for one in others:
             self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
             if more2[0] >= 0.0:
@@ -294,7 +306,7 @@ class ConstantOffsets:
         turned, displaced = self._camera
         way2, heading2, turn2 = more2.tolist()
         if turn2 == heading2 > 0.0:
-            self._camera = CAMERA_MOVED, displaced
+            self._camera = CAMERA_TURNED if turn2 > (UNFELT + 3.0 * seen[3]) ** 2 else CAMERA_MOVED, displaced
         elif way2 > DISPLACED_M**2 and heading2 < UNTURNED**2 and not walks:
             self._camera = turned, CAMERA_DISPLACED
         if self._images == 1 and self._first_blurred:

@@ -25,7 +25,6 @@ from touchline.localization.estimator.motion_relation import (
     STEP_S,
     Culprit,
     MotionRelation,
-    gyro_turn,
 )
 from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
 from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
@@ -263,12 +262,15 @@ class Integrity:
             return None
         doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
+        turns_proved = self._turns_proved
         if unseen.heading:
-            heading_rad += _unseen_rad(unseen.heading, gyro_turn(history, self._seen_ns, stamp_ns))
+            apart = abs(wrap_angle(history.gyro.turn_rad(self._seen_ns, stamp_ns) - unseen.heading))
+            heading_rad += _unseen_rad(unseen.heading, apart)
+            turns_proved &= not apart > _unfelt_rad(unseen.heading)  # proved until the gyro says otherwise
         alert_m = ALERT_M if doubt else math.inf
         if not self._moves_proved and self.relation.contradicts:  # an odometry may have been wrong from the start
             alert_m = ALERT_UNPROVED_M
-        if (unseen_m > UNSEEN_M and position_m > alert_m) or (heading_rad > ALERT_RAD and not self._turns_proved):
+        if (unseen_m > UNSEEN_M and position_m > alert_m) or (heading_rad > ALERT_RAD and not turns_proved):
             turn = math.degrees(abs(unseen.heading))
             self.unbounded = f"unseen for {unseen_m:.1f} m and {turn:.0f}°, the odometry alone tells the pose"
             return None
@@ -515,13 +517,16 @@ class Integrity:
         return f"{off}: clutter, another field, or camera.yaml"
 
 
-def _unseen_rad(turn: float, by_gyro: float) -> float:
+def _unseen_rad(turn: float, apart: float) -> float:
     """By how much (rad) a turn that no image showed may put the heading off: the odometry's sign might be wrong, unless
-    the gyro (NaN: tells none) agrees.
+    the gyro, which is so far `apart` (rad; NaN: it tells none), agrees.
     """
-    apart = abs(wrap_angle(by_gyro - turn))
-    agrees = apart < GYRO_RAD + GYRO_RATIO * abs(turn)
-    return max(GYRO_RATIO * abs(turn), apart) if agrees else 2.0 * abs(turn)
+    return max(GYRO_RATIO * abs(turn), apart) if apart < _unfelt_rad(turn) else 2.0 * abs(turn)
+
+
+def _unfelt_rad(turn: float) -> float:
+    """From which difference (rad) on the gyro contradicts a turn."""
+    return GYRO_RAD + GYRO_RATIO * abs(turn)
 
 
 def _but(statistics: dict[str, float], *names: str) -> dict[str, float]:

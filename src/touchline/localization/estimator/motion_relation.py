@@ -411,7 +411,7 @@ class MotionRelation:
 
     def _add(self, last: Sighting, sighting: Sighting, history: MotionHistory, late_s: float, steps: StepNoise) -> None:
         span_ns, odometry = (last.stamp_ns, sighting.stamp_ns), history.odometry.samples.arrays
-        late_ns, gyro = round(1e9 * late_s), gyro_turn(history, *span_ns)
+        late_ns, gyro = round(1e9 * late_s), history.gyro.turn_rad(*span_ns)
         ends = _ends(last, sighting, history, steps)
         raw, late = _push(self._every, _MULTIPLIERS, ends, odometry, span_ns, late_ns, gyro)
         cost = min(raw, late)
@@ -660,11 +660,3 @@ def _is_step(last: Sighting, sighting: Sighting, history: MotionHistory) -> bool
         return False
     x, y, turn = _driven(*history.odometry.samples.arrays, last.stamp_ns, sighting.stamp_ns).tolist()
     return math.hypot(x, y) >= STEP_M or abs(turn) >= STEP_RAD
-
-
-def gyro_turn(history: MotionHistory, start_ns: int, end_ns: int) -> float:
-    """The turn (rad) by the gyro; NaN where it tells none."""
-    samples = history.gyro.integral.samples
-    if not len(samples) or samples.first_ns > start_ns or samples.last_ns < end_ns - 100_000_000:
-        return math.nan
-    return samples.at(end_ns)[0] - samples.at(start_ns)[0]
