@@ -90,6 +90,14 @@ def test_the_bundle_finds_the_camera_and_says_how_well(seen: list[Observation]) 
     assert fit.on_lines.min() > 0.9
 
 
+def test_a_fit_is_judged_where_its_last_step_leads(seen: list[Observation], monkeypatch: pytest.MonkeyPatch) -> None:
+    """56 % of an image's points lay on lines before the second step."""
+    start = TRUE + np.array([0.0, -0.02, 0.0, 0.04, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    views = [PerspectiveView(one.points.pixels, pose) for one, pose in zip(seen, POSES, strict=True)]
+    monkeypatch.setattr("touchline.calibration.perspective_bundle._WIDTHS_M", (0.04, 0.04))
+    assert fit_perspective(views, start, FIELD, "pinhole", SIZE).on_lines.min() > 0.95
+
+
 def test_a_camera_is_found_from_nothing(seen: list[Observation], monkeypatch: pytest.MonkeyPatch) -> None:
     search = PoseSearch(FIELD, Registration(FIELD.distance_map()))
     of_search = "touchline.calibration.perspective_search."
@@ -112,7 +120,7 @@ def test_lines_drawn_along_their_edges_and_aside_are_held_by_the_uncertainty(see
     views = [PerspectiveView(one.points.pixels, pose) for one, pose in zip(seen, POSES, strict=True)]
     plain, aside = (fit_perspective(views, TRUE, each, "pinhole", SIZE, True) for each in (FIELD, drawn))
     assert aside.paint_m > 2.0 * plain.paint_m
-    assert aside.covariance[HEIGHT, HEIGHT] > 1.2 * plain.covariance[HEIGHT, HEIGHT]
+    assert aside.covariance[HEIGHT, HEIGHT] > 1.1 * plain.covariance[HEIGHT, HEIGHT]
     assert np.abs(z_scores(aside.state, aside.covariance)).max() < 3.0
 
 

@@ -82,11 +82,12 @@ def test_the_module_can_be_run() -> None:
     assert done.stdout.startswith("touchline ")
 
 
-def test_one_thread_of_the_matrix_library_unless_told_otherwise() -> None:
-    code = "import os\nfrom touchline.cli import main\nmain(['--version'])\nprint(os.environ['OPENBLAS_NUM_THREADS'])"
-    for threads, expected in ((None, "1"), ("3", "3")):
-        given = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
-        given |= {} if threads is None else {"OPENBLAS_NUM_THREADS": threads}
+@pytest.mark.parametrize("variable", ["OPENBLAS_NUM_THREADS", "NUMBA_OPT"])
+def test_one_thread_and_a_quick_compiler_unless_told_otherwise(variable: str) -> None:
+    code = f"import os\nfrom touchline.cli import main\nmain(['--version'])\nprint(os.environ['{variable}'])"
+    for wanted, expected in ((None, "1"), ("3", "3")):
+        given = {name: value for name, value in os.environ.items() if name != variable}
+        given |= {} if wanted is None else {variable: wanted}
         done = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
         assert done.stdout.splitlines()[-1] == expected
 

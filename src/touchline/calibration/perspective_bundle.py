@@ -26,12 +26,10 @@ NAMES = (
 )  # fmt: skip
 ROLL, PITCH, HEIGHT, FOCAL, DISTORTION, CENTER_U, CENTER_V, LENS = range(8)
 _CAMERA = len(NAMES)
-_NOISE_PX, _MIN_NOISE_PX, _GROUND_M = 0.5, 0.1, 0.002  # of a line point, at first and at least; and of the carpet
-_CENTER_RATIO = 0.0025  # deviation of the centre, per image width, before anything is seen
+_GROUND_M = 0.002  # of the carpet
+_CENTER_RATIO = 0.01  # deviation of the centre, per image width, before anything is seen: of cameras as bought
 # ... of the distortion: k1, k2 (a pinhole's less k1²), then p1, p2 of a pinhole, k3, k4 of a fisheye
 _DISTORTIONS = {"pinhole": (0.2, 0.1, 0.001, 0.001), "fisheye": (0.2, 0.05, 0.02, 0.005)}
-_LEAN_RAD, _MIN_LEAN_RAD = 0.006, 0.001  # of an image's own roll and pitch, at first and at least
-_PAINT_M, _MIN_PAINT_M = 0.01, 0.001  # of a line's place beside the drawing's, at first and at least
 _ANYWHERE = 1e-6  # information of what nothing is known of
 _WIDTHS_M = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0)
 _NEAR_M = 0.1  # the first width from a start that has been fitted before
@@ -54,6 +52,17 @@ class PerspectiveView(NamedTuple):
 
     pixels: FloatArray
     pose: Pose
+
+
+class _Learned(NamedTuple):
+    """Standard deviations that are learned: of an image's own roll and pitch, of points, of lines beside the file's."""
+
+    lean_rad: float
+    noise_px: float
+    paint_m: float
+
+
+_AT_FIRST, _AT_LEAST = _Learned(0.006, 0.5, 0.01), _Learned(0.001, 0.1, 0.001)
 
 
 class PerspectiveFit(NamedTuple):
@@ -104,25 +113,84 @@ class _Seen(NamedTuple):
     squares: FloatArray
 
 
-class _Bundle:
-    """paint: entries (L + 1,) of how far (m) a line lies to its normal's side, the last of all to their outer edges."""
+class _Linearised(NamedTuple):
+    """All views' points at a state, by what each view counts less (V,), the normal equations and the cost."""
 
-    def __init__(self, views: Sequence[PerspectiveView], field: FieldModel, model: str, size: tuple[int, int]) -> None:
+    seen: list[_Seen]
+    doubts: FloatArray
+    blocks: list[Block]
+    cost: float
+
+
+class _Bundle:
+    """mean (P,): the state that is expected. camera: the camera's entries. own (V, 5): each view's pose and lean. paint
+    (L + 1,): how far (m) a line lies to its normal's side, the last of all to their outer edges.
+    """
+
+    def __init__(
+        self,
+        views: Sequence[PerspectiveView],
+        start: FloatArray,
+        field: FieldModel,
+        model: str,
+        size: tuple[int, int],
+    ) -> None:
         self.views, self.model, self.size, self._tables = views, model, size, field.line_tables
         self.outward = outward(field.line_tables)
         self.shared, self.own = entries(_CAMERA + len(self.outward) + 1, len(views), _OWN)
         self.camera, self.paint = self.shared[:_CAMERA], self.shared[_CAMERA:]
+        self.mean = np.zeros(self.own[-1, -1] + 1)
+        self.mean[list(_START)] = start[list(_START)]
+        self.mean[self.own[:, :3]] = [one.pose.as_array() for one in views]
+        self._known = np.full(len(self.mean), _ANYWHERE)
+        self._known[list(_START)] = np.power(list(_START.values()), -2.0)
+        self._known[[DISTORTION, *range(LENS, _CAMERA)]] = np.power(_DISTORTIONS[model], -2.0)
+        self._known[[CENTER_U, CENTER_V]] = (_CENTER_RATIO * size[0]) ** -2.0
+        self._known[self.paint[-1]] = (0.5 * field.line_width) ** -2.0
+
+    def known(self, learned: _Learned) -> FloatArray:
+        """Information (P,) on the state's entries before anything is seen."""
+        known = self._known.copy()
+        known[self.own[:, 3:]], known[self.paint[:-1]] = learned.lean_rad**-2.0, learned.paint_m**-2.0
+        return known
+
+    def linearise(self, state: FloatArray, learned: _Learned, width_m: float) -> _Linearised:
+        """What a step is taken from, and judged by."""
+        seen = self.look(state, learned, width_m)
+        medians = np.array([np.median(one.off) for one in seen])
+        doubts = np.maximum(medians / (_DOUBT * np.median(medians)), 1.0)
+        prior = prior_block(np.arange(len(state)), self.known(learned), state - self.mean)
+        blocks = [prior, *self._blocks(seen, doubts, state)]
+        return _Linearised(seen, doubts, blocks, self.cost(seen, doubts, state, learned))
+
+    def cost(self, seen: Sequence[_Seen], doubts: FloatArray, state: FloatArray, learned: _Learned) -> float:
+        """Twice the negative log-likelihood of all points and of a state (P,)."""
+        points = sum(one.cost / doubt for one, doubt in zip(seen, doubts, strict=True))
+        return float(points + self.known(learned) @ (state - self.mean) ** 2)
+
+    def learn(self, state: FloatArray, learned: _Learned, at: _Linearised) -> _Learned:
+        """The deviations that make what is seen, and what the entries that are drawn alike came to, most probable."""
+        squares = np.concatenate([one.squares for one in at.seen])
+        if not len(squares):
+            raise NoFitError("no line point lies on the ground")
+        equations = NormalEquations(at.blocks)
+        found = _Learned(
+            _spread(equations, self.own[:, 3:].ravel(), state),
+            learned.noise_px * math.sqrt(float(np.median(squares)) / _MEDIAN),
+            _spread(equations, self.paint[:-1], state),
+        )
+        return _Learned(*np.maximum(found, _AT_LEAST).tolist())
 
     def ground(self, pixels: FloatArray, state: FloatArray) -> FloatArray:
         """Ground points (N, 2) of pixels; state (15,): pose, lean, camera."""
         camera = camera_at(self.model, self.size, state[_OWN:], state[3:_OWN])
         return Pose(*state[:3].tolist()).transform(camera.ground_from_image(pixels))
 
-    def look(self, state: FloatArray, noise_px: float, width_m: float) -> list[_Seen]:
+    def look(self, state: FloatArray, learned: _Learned, width_m: float) -> list[_Seen]:
         """All views' points at a state."""
         paint = state[self.paint]
         return [
-            self._seen(view.pixels, state[[*mine, *self.camera]], paint, noise_px, width_m)
+            self._seen(view.pixels, state[[*mine, *self.camera]], paint, learned.noise_px, width_m)
             for view, mine in zip(self.views, self.own, strict=True)
         ]
 
@@ -146,7 +214,7 @@ class _Bundle:
         weights = 1.0 / (robust**2 * variances * _REPEATED)
         return _Seen(off, cost, pixels, placed, near.normal, aside, distances_m, weights, squares)
 
-    def blocks(self, seen: Sequence[_Seen], doubts: FloatArray, state: FloatArray) -> list[Block]:
+    def _blocks(self, seen: Sequence[_Seen], doubts: FloatArray, state: FloatArray) -> list[Block]:
         """The views' normal equations at a state."""
         blocks = []
         for one, mine, doubt in zip(seen, self.own, doubts, strict=True):
@@ -176,60 +244,32 @@ def fit_perspective(
     """The camera at which all views' points lie best on the field's lines, from a state (10,) that is near; again: and
     has been fitted before.
     """
-    bundle = _Bundle(views, field, model, size)
-    own, camera, paint = bundle.own, bundle.camera, bundle.paint
-    lean_rad, noise_px, paint_m, damping = _LEAN_RAD, _NOISE_PX, _PAINT_M, _DAMPING
-    state = np.zeros(own[-1, -1] + 1)
-    state[camera] = start
-    state[own[:, :3]] = [one.pose.as_array() for one in views]
-    known, mean = np.full(len(state), _ANYWHERE), np.zeros_like(state)
-    mean[own[:, :3]] = state[own[:, :3]]
-    for k, deviation in _START.items():
-        known[k], mean[k] = deviation**-2.0, start[k]
-    known[[DISTORTION, *range(LENS, _CAMERA)]] = np.power(_DISTORTIONS[model], -2.0)
-    known[[CENTER_U, CENTER_V]] = (_CENTER_RATIO * size[0]) ** -2.0
-    known[paint[-1]] = (0.5 * field.line_width) ** -2.0
+    bundle = _Bundle(views, start, field, model, size)
+    state, learned, damping = bundle.mean.copy(), _AT_FIRST, _DAMPING
+    state[bundle.camera] = start
     for width_m in [width for width in _WIDTHS_M if not again or width <= _NEAR_M]:
-        known[own[:, 3:]], known[paint[:-1]] = lean_rad**-2.0, paint_m**-2.0
-        seen = bundle.look(state, noise_px, width_m)
-        medians = np.array([np.median(one.off) for one in seen])
-        doubts = np.maximum(medians / (_DOUBT * np.median(medians)), 1.0)
-        blocks = [prior_block(np.arange(len(state)), known, state - mean), *bundle.blocks(seen, doubts, state)]
-        cost = _cost(seen, doubts, known, state - mean)
+        now = bundle.linearise(state, learned, width_m)
         for _ in range(_TRIALS):
-            trial = state + NormalEquations(blocks, damping).step()
-            if _cost(bundle.look(trial, noise_px, width_m), doubts, known, trial - mean) < cost:
+            trial = state + NormalEquations(now.blocks, damping).step()
+            if bundle.cost(bundle.look(trial, learned, width_m), now.doubts, trial, learned) < now.cost:
                 state, damping = trial, 0.1 * damping
                 break
             damping *= 10.0
         if width_m < _FAR_M:
-            squares = np.concatenate([one.squares for one in seen])
-            if not len(squares):
-                raise NoFitError("no line point lies on the ground")
-            equations = NormalEquations(blocks)
-            noise_px = max(noise_px * math.sqrt(float(np.median(squares)) / _MEDIAN), _MIN_NOISE_PX)
-            lean_rad = _spread(equations, own[:, 3:].ravel(), state, _MIN_LEAN_RAD)
-            paint_m = _spread(equations, paint[:-1], state, _MIN_PAINT_M)
-    on_lines = np.array([np.mean(one.off < 1.0) for one in seen])
-    off = np.concatenate([one.off for one in seen])
+            learned = bundle.learn(state, learned, now)
+    last = bundle.linearise(state, learned, _WIDTHS_M[-1])
+    off = np.concatenate([one.off for one in last.seen])
     return PerspectiveFit(
-        state[camera],
-        equations.covariance(camera),
-        state[own[:, :3]],
-        on_lines,
+        state[bundle.camera],
+        NormalEquations(last.blocks).covariance(bundle.camera),
+        state[bundle.own[:, :3]],
+        np.array([np.mean(one.off < 1.0) for one in last.seen]),
         float(np.mean(off / (1.0 + off))),
-        lean_rad,
-        noise_px,
-        paint_m,
+        *learned,
     )
 
 
-def _cost(seen: Sequence[_Seen], doubts: FloatArray, known: FloatArray, off: FloatArray) -> float:
-    """Twice the negative log-likelihood of all points and of a state (P,) that is off what is known of it."""
-    return float(sum(one.cost / doubt for one, doubt in zip(seen, doubts, strict=True)) + known @ off**2)
-
-
-def _spread(equations: NormalEquations, at: IndexArray, state: FloatArray, least: float) -> float:
+def _spread(equations: NormalEquations, at: IndexArray, state: FloatArray) -> float:
     """The standard deviation of entries that are drawn alike, which makes what they came to most probable."""
     variances = state[at] ** 2 + np.diag(equations.covariance(at))
-    return max(math.sqrt(float(variances.mean())), least)
+    return math.sqrt(float(variances.mean()))

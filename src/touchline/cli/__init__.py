@@ -27,6 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ["MPLBACKEND"] = "agg"  # figures are written, not shown; Matplotlib refuses names that it does not know
     for library in ("OPENBLAS", "MKL"):  # matrices are small: more threads would wait for each other
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    os.environ.setdefault("NUMBA_OPT", "1")  # compiled a tenth sooner than at 3, as fast, the same bits
     with _interruptions() as interrupted:
         try:
             return _run(list(sys.argv[1:] if arguments is None else arguments) or ["--help"], interrupted)

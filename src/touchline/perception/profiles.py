@@ -112,7 +112,7 @@ def _flank(values, classes, first, step, number):  # type: ignore[no-untyped-def
     return level / number if darkest >= 0.7 * brightest else np.nan, blue / number, green / number, red / number
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped-def]
     """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
@@ -154,7 +154,7 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     return foot, base, found_blue, found_green, found_red
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[no-untyped-def]
     """As `_foot`, where the carpet ends at the line: an even floor, darker than the carpet (3,) on its other side.
 
