@@ -1,10 +1,11 @@
 """`touchline calibrate lines --model pinhole|fisheye` on drawn humanoids: errors and NEES of each parameter.
 
     python benchmarks/calibrate_cameras.py [--model pinhole|fisheye|mujoco] [--first 100] [--cameras 30] [--images 8]
-        [--lean 0.3] [--paint 0.0] [--edges]
+        [--lean 0.3] [--center 0.0025] [--paint 0.0] [--edges]
 
 Each seed is a robot as built: mount, height, focal length, principal point and distortion of its lens are drawn, and
 what is about it. It stands at places that nobody measured, leaning each time by as much as drawn (--lean: degrees).
+--center: how far (of the width, one standard deviation) principal points lie beside the images' middles.
 --paint: how far (m, one standard deviation) each painted line lies beside where the field's file has it; --edges: the
 file has the lines' outer edges. Seeds below 100 are for tuning. --model mujoco: the T1 of RoboCup's MuJoCo soccer
 server steps on the spot at each place (needs `pip install 'touchline[mujoco]'`); it leans as it does, and roll, pitch
@@ -40,8 +41,8 @@ BARS = 0.2, 0.2, 1.0, 1.0  # °, °, cm, %
 AHEAD_M = 1.5  # what is looked at lies so far away at least
 
 
-def drawn_camera(model: str, rng: np.random.Generator) -> PerspectiveCamera:
-    """A humanoid's camera as built."""
+def drawn_camera(model: str, center: float, rng: np.random.Generator) -> PerspectiveCamera:
+    """A humanoid's camera as built; center: how far principal points lie aside, as a share of the width."""
     designed = humanoid_camera() if model == "pinhole" else kid_size_camera()
     off = rng.standard_normal(8)
     pitch, height_m = (rng.uniform(0.35, 0.6), rng.uniform(0.5, 1.2)) if model == "pinhole" else (0.55, 0.52)
@@ -49,7 +50,7 @@ def drawn_camera(model: str, rng: np.random.Generator) -> PerspectiveCamera:
         0.03 * off[0], pitch + 0.03 * off[1], 0.0, (0.0, 0.0, height_m * (1 + 0.03 * off[2]))
     )
     focal = designed.fx * math.exp(0.1 * off[3])
-    cx, cy = 0.5 * (np.array([designed.width, designed.height]) - 1.0) + 0.0025 * designed.width * off[4:6]
+    cx, cy = 0.5 * (np.array([designed.width, designed.height]) - 1.0) + center * designed.width * off[4:6]
     lens = (
         designed.distortion
         * (1.0 + 0.2 * off[6])
@@ -59,13 +60,13 @@ def drawn_camera(model: str, rng: np.random.Generator) -> PerspectiveCamera:
 
 
 def drawn_images(
-    seed: int, model: str, count: int, lean_deg: float
+    seed: int, model: str, count: int, lean_deg: float, center: float
 ) -> tuple[list[PerspectiveCamera], list[ImageArray], FieldModel]:
     """A camera, as each image has it, what it sees and the field."""
     rng = np.random.default_rng([seed, 41])
     changes = [f"field={FIELDS[seed % len(FIELDS)]}", "others.robots=4", f"camera.kind={model}"]
     simulation = Simulation(open_scenario("humanoid-walk", seed, 20.0, changes))
-    camera = drawn_camera(model, rng)
+    camera = drawn_camera(model, center, rng)
     eye = SimulatedPerspectiveCamera(camera)
     images = []
     for k in range(count):
@@ -143,6 +144,7 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, default=30)
     parser.add_argument("--images", type=int, default=8)
     parser.add_argument("--lean", type=float, default=0.3)
+    parser.add_argument("--center", type=float, default=0.0025)
     parser.add_argument("--paint", type=float, default=0.0)
     parser.add_argument("--edges", action="store_true")
     given = parser.parse_args()
@@ -151,7 +153,7 @@ def main() -> None:
         if given.model == "mujoco":
             cameras, images, field = mujoco_images(seed, given.images)
         else:
-            cameras, images, field = drawn_images(seed, given.model, given.images, given.lean)
+            cameras, images, field = drawn_images(seed, given.model, given.images, given.lean, given.center)
         on = redrawn(field, given.paint, given.edges, np.random.default_rng([seed, 42]))
         try:
             found = calibrate_perspective_lines(images, on, cameras[0].model)

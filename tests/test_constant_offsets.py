@@ -38,10 +38,11 @@ def driven(
     blurred: bool = False,
     since: int = 0,
     gyro: float | None = None,
+    along_m: float = 0.01,
 ) -> ConstantOffsets:
     """Drive with changing speed and turns; each image shows the robot's pose composed with an offset; outliers: images
     that show it elsewhere. blurred: whether they may. since: the first image with the offset. gyro: its share of the
-    turns that the odometry tells; None: there is none.
+    turns that the odometry tells; None: there is none. along_m: standard deviation along x of images with an offset.
     """
     rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
     offsets.reset()
@@ -65,7 +66,7 @@ def driven(
         seen: FloatArray = pose_at(seconds + 1.0 - late_s).compose(
             offset if k >= since else Pose(0.0, 0.0, 0.0)
         ).as_array() + rng.normal(0, 0.005, 3)
-        covariance = np.diag(np.square([0.01, 0.01, 0.005]))
+        covariance = np.diag(np.square([along_m if k >= since else 0.01, 0.01, 0.005]))
         if k in outliers:
             seen += np.array([0.3, -0.4, 0.3])
         sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k == 0, blurred)
@@ -99,6 +100,14 @@ def test_images_that_turn_at_once_are_a_turned_camera_if_gyro_and_odometry_felt_
     """6 degrees and 0.1 m, in the last two images; without a gyro that agrees a shove may have turned the robot."""
     turned = driven(Pose(0.1, 0.0, 0.105), since=78, gyro=gyro)
     assert least < turned.bound[1] < most
+
+
+def test_a_lone_line_shows_that_a_camera_has_turned() -> None:
+    """What lies along it is unknown; that it has turned, and the robot has not, is seen all the same."""
+    lone, kept = (driven(Pose(0.1, 0.0, turn), since=78, gyro=1.0, along_m=3.0) for turn in (0.2, 0.0))
+    assert lone.bound[1] > 0.2
+    assert "turned" in lone.doubt
+    assert kept.bound[1] < 0.02
 
 
 def test_what_only_turns_show_stays_unknown_without_them() -> None:

@@ -19,7 +19,7 @@ from touchline.localization.estimator.integrity import GYRO_RATIO, Jump, Verdict
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import AGREEING, MAX_COST, WINDOW, Culprit, MotionRelation
 from touchline.localization.estimator.step_noise import StepNoise
-from touchline.localization.estimator.visual_motion import Sighting
+from touchline.localization.estimator.visual_motion import MAX_SIGMA_M, UNKNOWN_M, Sighting, _told_alone
 from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed, with_signs
 from touchline.motion.odometry import Motion
@@ -516,6 +516,12 @@ def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
     assert coverage.begins_image(found=False, settled=True)
     coverage.update(lines, seen[90], truth[90])
     assert coverage.shown
+
+
+def test_an_image_of_a_lone_line_tells_nothing_along_it_and_a_poor_one_what_it_tells() -> None:
+    lone, poor = (np.diag(np.square([0.5 * MAX_SIGMA_M if lone else 0.04, 0.05, 0.01])) for lone in (True, False))
+    assert _told_alone(lone)[1, 1] > UNKNOWN_M**2
+    np.testing.assert_array_equal(_told_alone(poor), poor)
 
 
 def test_steps_that_agree_raise_no_alarm() -> None:

@@ -27,7 +27,7 @@ NAMES = (
 ROLL, PITCH, HEIGHT, FOCAL, DISTORTION, CENTER_U, CENTER_V, LENS = range(8)
 _CAMERA = len(NAMES)
 _GROUND_M = 0.002  # of the carpet
-_CENTER_RATIO = 0.0025  # deviation of the centre, per image width, before anything is seen
+_CENTER_RATIO = 0.01  # deviation of the centre, per image width, before anything is seen: of cameras as bought
 # ... of the distortion: k1, k2 (a pinhole's less k1²), then p1, p2 of a pinhole, k3, k4 of a fisheye
 _DISTORTIONS = {"pinhole": (0.2, 0.1, 0.001, 0.001), "fisheye": (0.2, 0.05, 0.02, 0.005)}
 _ANYWHERE = 1e-6  # information of what nothing is known of

@@ -31,7 +31,7 @@ CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
 # probability of a turn where images turn at once, by more than TURN, about where the robot stands: a shove would have
 # moved it; and by more than UNFELT, and far more than gyro and odometry are apart
 CAMERA_MOVED, TURN, STANDS_M = 0.5, 0.05, 0.03
-CAMERA_TURNED, UNFELT, UNFELT_M = 0.9, 0.02, 0.5
+CAMERA_TURNED, UNFELT, UNFELT_M = 0.9, 0.02, 0.7
 # probability of a displacement where images of a robot on wheels jump by more than that and do not turn: a shove turns
 CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
 RISK = 1e-3  # probability of an error beyond its bound
@@ -105,19 +105,21 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
     off = np.array([seen[0] - state[0] - dx, seen[1] - state[1] - dy, seen[2] - state[2] - state[3] - since[2]])
     off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
     crossed = times(joint, by.T)
-    weight = inverse(plus(times(by, crossed), spread, 1.0))
+    expected = plus(times(by, crossed), spread, 1.0)
+    heading2, weight = expected[2, 2], inverse(expected)
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
             return velocity, np.full(3, -1.0)
-        if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2:  # a lone line: the pose slides along it
-            return velocity, more[1:4]
         way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
+        unfelt = turn2 > (UNFELT + 3.0 * apart) ** 2 + 9.0 * heading2 and way2 < UNFELT_M**2
+        # a lone line: the pose slides along it, but does not turn
+        if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2 and not (unfelt and turn2 > TURN**2):
+            return velocity, more[1:4]
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
         more[0], more[1], more[2], more[3] = way2, way2, turn2, CHANGED * turn2
-        stands = turn2 > TURN**2 and way2 < STANDS_M**2  # a shove would have moved the robot, too
-        if stands or (turn2 > (UNFELT + 3.0 * apart) ** 2 and way2 < UNFELT_M**2):
+        if unfelt or (turn2 > TURN**2 and way2 < STANDS_M**2):  # a shove would have moved the robot, too
             more[3] = turn2
         more[4], more[5], more[6] = CHANGED * aside2, CHANGED * aside2, CHANGED * late2
         for k in range(7):
@@ -278,7 +280,9 @@ class ConstantOffsets:
                 followed(*each, motion.pose.as_array(), steps.of(motion), seconds, apart)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
-        if not known or (sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not self._given):
+        unfelt = abs(turn) > UNFELT + 3.0 * apart and math.hypot(x, y) < UNFELT_M  # rather the camera's
+        elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not unfelt
+        if not known or (elsewhere and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
         self._given = False
