@@ -32,6 +32,7 @@ CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
 # moved it; and by more than UNFELT, and far more than gyro and odometry are apart
 CAMERA_MOVED, TURN, STANDS_M = 0.5, 0.05, 0.03
 CAMERA_TURNED, UNFELT, UNFELT_M = 0.9, 0.02, 0.7
+FIRST_IMAGES = 5  # which may have been taken for others: nothing has turned since
 # probability of a displacement where images of a robot on wheels jump by more than that and do not turn: a shove turns
 CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
 RISK = 1e-3  # probability of an error beyond its bound
@@ -46,6 +47,7 @@ JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may 
 CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
 MAX_GAP_S = 4.0  # between images, after which another pose is followed
+KEPT_S, MAX_KEPT = 2.0, 3  # for which what is believed without images that may be outliers is kept
 FAR = 1.0  # (m, rad) from where the robot was expected: it was found elsewhere
 MAX_TURN, MAX_LATE_M, MAX_LATE_RAD = 0.26, 0.5, 0.5  # (rad, m, rad) from which a pose is not tracked
 MAX_VARIANCE_M2 = 1.0  # of a pose by an image that tells where the robot is
@@ -194,9 +196,10 @@ _Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], in
 
 class _Belief(NamedTuple):
     """A filter's mean (7,), covariance (7, 7), deviations of the errors before (4,), and the probabilities before of a
-    camera that is turned, and displaced.
+    camera that is turned, and displaced. stamp_ns: of the image that was left out.
     """
 
+    stamp_ns: int
     state: FloatArray
     joint: FloatArray
     prior: FloatArray
@@ -215,7 +218,7 @@ class ConstantOffsets:
         self._joint: FloatArray
         self._images: int  # that were taken
         self._first_blurred: bool  # whether the first may be an outlier
-        self._others: list[_Belief]  # what is believed without the newest image, if that may be one
+        self._others: list[_Belief]  # what is believed without the newest images, if they may be outliers
         self.reset()
 
     def reset(self, start: Pose | None = None, covariance: FloatArray = UNKNOWN) -> None:
@@ -286,24 +289,27 @@ class ConstantOffsets:
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
         self._given = False
+        others = [one for one in others if sighting.stamp_ns - one.stamp_ns < 1e9 * KEPT_S]
+        apart = apart if self._images >= FIRST_IMAGES else math.nan
         image = sighting.pose, sighting.covariance
         seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, apart)
         for one in others:
             self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
             if more2[0] >= 0.0:
-                self._state, self._joint, self._prior, self._camera = one
+                _, self._state, self._joint, self._prior, self._camera = one
                 break
         else:
             self._correct(sighting, seen, steps.walks)
+            self._others = [*others, *self._others][:MAX_KEPT]
         self._images += 1
         self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
 
     def _correct(self, sighting: Sighting, seen: _Measured, walks: bool) -> None:
         """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
-        believed without it is kept: the next image decides.
+        believed without it is kept: the next images decide.
         """
-        before = _Belief(self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera)
+        before = _Belief(sighting.stamp_ns, self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera)
         self._velocity, more2 = corrected(self._state, self._joint, self._prior, *seen, True)
         if not more2.any():
             return
@@ -314,7 +320,7 @@ class ConstantOffsets:
         elif way2 > DISPLACED_M**2 and heading2 < UNTURNED**2 and not walks:
             self._camera = turned, CAMERA_DISPLACED
         if self._images == 1 and self._first_blurred:
-            anew = _Belief(before.state.copy(), before.joint.copy(), before.prior.copy(), before.camera)
+            anew = before._replace(state=before.state.copy(), joint=before.joint.copy(), prior=before.prior.copy())
             anew.state[:3], anew.joint[:3], anew.joint[:, :3], anew.joint[:3, :3] = sighting.pose, 0.0, 0.0, UNKNOWN
             corrected(anew.state, anew.joint, anew.prior, *seen, True)
             self._others.append(anew)
