@@ -39,10 +39,12 @@ def driven(
     since: int = 0,
     gyro: float | None = None,
     along_m: float = 0.01,
+    found_anew: int = 0,
 ) -> ConstantOffsets:
     """Drive with changing speed and turns; each image shows the robot's pose composed with an offset; outliers: images
     that show it elsewhere. blurred: whether they may. since: the first image with the offset. gyro: its share of the
     turns that the odometry tells; None: there is none. along_m: standard deviation along x of images with an offset.
+    found_anew: the image from which the robot was found anew.
     """
     rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
     offsets.reset()
@@ -69,7 +71,7 @@ def driven(
         covariance = np.diag(np.square([along_m if k >= since else 0.01, 0.01, 0.005]))
         if k in outliers:
             seen += np.array([0.3, -0.4, 0.3])
-        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k == 0, blurred)
+        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k in (0, found_anew), blurred)
         offsets.update(sighting, history, StepNoise(walks=False), corrected_s)
     return offsets
 
@@ -100,6 +102,12 @@ def test_images_that_turn_at_once_are_a_turned_camera_if_gyro_and_odometry_felt_
     """6 degrees and 0.1 m, in the last two images; without a gyro that agrees a shove may have turned the robot."""
     turned = driven(Pose(0.1, 0.0, 0.105), since=78, gyro=gyro)
     assert least < turned.bound[1] < most
+
+
+@pytest.mark.parametrize(("turn", "in_doubt"), [(math.pi, False), (0.5, True)])
+def test_a_robot_that_is_found_at_its_twin_near_the_centre_has_no_turned_camera(turn: float, in_doubt: bool) -> None:
+    found = driven(Pose(0.3, 0.0, turn), since=78, gyro=1.0, found_anew=78)
+    assert bool(found.doubt) is in_doubt
 
 
 def test_a_lone_line_shows_that_a_camera_has_turned() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -267,3 +268,18 @@ def test_memory_is_bounded_and_the_last_seconds_are_held(with_frames: bool) -> N
     seconds = 7 if with_frames else 62
     assert all(len(samples) < 50 * seconds for samples in samples_of(one))
     assert one.between(195 * SECOND, 199 * SECOND).missing_s == 0.0
+
+
+@pytest.mark.parametrize(("until_s", "pause_s", "turn_rad"), [(1.0, 0.0, 0.5), (0.95, 0.0, 0.5), (0.8, 0.0, math.nan),
+                                                              (1.0, 0.4, math.nan)])  # fmt: skip
+def test_the_gyros_turn_goes_on_for_a_tenth_of_a_second_and_is_unknown_over_gaps(
+    until_s: float, pause_s: float, turn_rad: float
+) -> None:
+    """At 1 rad/s, from 0.5 to 1 s; no odometry: it is as far from that."""
+    stamps_s = np.arange(0.0, until_s + 0.001, 0.01)
+    stamps_s = stamps_s[(stamps_s <= 0.55) | (stamps_s > 0.55 + pause_s)]
+    history = MotionHistory()
+    rates = Samples((1e9 * stamps_s).astype(np.int64), np.tile([0.0, 0.0, 1.0], (len(stamps_s), 1)))
+    history.add(Frame(1_000_000_000, gyro=rates))
+    assert history.gyro.turn_rad(500_000_000, 1_000_000_000) == pytest.approx(turn_rad, nan_ok=True)
+    assert history.gyro_apart_rad(500_000_000, 1_000_000_000) == pytest.approx(turn_rad, nan_ok=True)

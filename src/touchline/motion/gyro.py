@@ -11,7 +11,6 @@ from touchline.types import MAX_VALUE, Samples
 
 NOISE_RAD = 0.002  # random heading error after one second, growing with the root of the time
 GAP_S = 0.25  # time without a reading after which the turn in it is unknown: two of a slow one
-MAX_BEYOND_NS = 100_000_000  # after the newest reading, over which the turn is taken as known
 
 
 class GyroSettings(Settings):
@@ -61,9 +60,11 @@ class IntegratedGyro:
     def turn_rad(self, start_ns: int, end_ns: int) -> float:
         """The turn (rad, not wrapped) from one stamp to another; NaN where the readings don't tell it."""
         known = self.integral.samples
-        if not len(known) or known.first_ns > start_ns or known.last_ns < end_ns - MAX_BEYOND_NS:
+        if self.integral.gaps_ns(start_ns, end_ns):
             return math.nan
-        return known.at(end_ns)[0] - known.at(start_ns)[0]
+        beyond_s = (end_ns - max(start_ns, known.last_ns)) / NANOSECONDS
+        turn_rad = known.at(end_ns)[0] - known.at(start_ns)[0]
+        return turn_rad + known.last[1] * beyond_s if beyond_s > 0.0 else turn_rad
 
     def forget_before(self, stamp_ns: int) -> None:
         """Forget what isn't needed to look up angles from a stamp on."""

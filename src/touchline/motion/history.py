@@ -1,11 +1,12 @@
 """All that a robot feels of its own motion in the last seconds, and any past interval of it, as often as asked."""
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from touchline.errors import InputError
-from touchline.geometry import Pose
+from touchline.geometry import Pose, wrap_angle
 from touchline.motion.clocks import SensorClocks
 from touchline.motion.compass import MAX_AGE_S, Compass, CompassTrackSettings
 from touchline.motion.gyro import GyroSettings, IntegratedGyro
@@ -142,6 +143,12 @@ class MotionHistory:
         if self.wheels is None:
             return self.odometry.between(start_ns, end_ns)
         return self.odometry_instead(start_ns, end_ns) or self.wheels.between(start_ns, end_ns)
+
+    def gyro_apart_rad(self, start_ns: int, end_ns: int) -> float:
+        """How far the gyro's turn is from the motion's (rad); NaN where there is no second witness."""
+        motion = self.between(start_ns, end_ns)
+        turn_rad = math.nan if motion.by_gyro else self.gyro.turn_rad(start_ns, end_ns)
+        return abs(wrap_angle(turn_rad - motion.pose.heading))
 
     def odometry_instead(self, start_ns: int, end_ns: int) -> Motion | None:
         """The odometry's motion, if wheels or gyro say nothing for some of the time and the odometry knows more."""

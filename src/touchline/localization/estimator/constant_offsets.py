@@ -29,9 +29,11 @@ TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.008, 0.002, 0.02  # shares of a
 USUAL_CAMERA = TURNED_ROBOTS, DISPLACED_ROBOTS
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
 # probability of a turn where images turn at once, by more than TURN, about where the robot stands: a shove would have
-# moved it; and by more than UNFELT, and far more than gyro and odometry are apart
-CAMERA_MOVED, TURN, STANDS_M = 0.5, 0.05, 0.03
-CAMERA_TURNED, UNFELT, UNFELT_M = 0.9, 0.02, 0.7
+# moved it
+TURNED_IN_PLACE, TURN, STANDS_M = 0.5, 0.05, 0.03
+# and where they turn by so much more than gyro and odometry are apart (rad), and move it no farther than a shove does;
+# beyond MAX_UNFELT it was rather found elsewhere
+TURNED_UNFELT, UNFELT, MAX_UNFELT, UNFELT_M = 0.9, 0.02, 0.8, 0.7
 FIRST_IMAGES = 5  # which may have been taken for others: nothing has turned since
 # probability of a displacement where images of a robot on wheels jump by more than that and do not turn: a shove turns
 CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
@@ -42,7 +44,6 @@ DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
 UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
 VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
 SCALE = 0.1  # of the odometry
-GYRO_SCALE, GYRO_BIAS_RAD_S = 0.02, 0.01  # errors of a turn in which odometry and gyro agree
 JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may have changed
 CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
@@ -58,9 +59,9 @@ ACCELERATION = 3.0, 6.0  # of robots on wheels (m/s², rad/s²): a speed changes
 
 
 @njit(cache=True, error_model="numpy")
-def followed(state, joint, step, noise, seconds, apart):  # type: ignore[no-untyped-def]
-    """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it. apart: how far
-    the gyro's turn is from its (rad); NaN where there is none.
+def followed(state, joint, step, noise, seconds, turn2):  # type: ignore[no-untyped-def]
+    """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it. turn2: of its
+    turn, by a second witness, in the place of its own; NaN where there is none.
     """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     x, y = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
@@ -71,8 +72,9 @@ def followed(state, joint, step, noise, seconds, apart):  # type: ignore[no-unty
     move[0, 2], move[1, 2] = -y, x
     for k in range(3):
         spread[k, k] += (SCALE * step[k]) ** 2
-    if apart == apart:
-        spread[2, 2] = apart**2 + (GYRO_SCALE * step[2]) ** 2 + (GYRO_BIAS_RAD_S * seconds) ** 2
+    if not math.isnan(turn2):
+        spread[2] = spread[:, 2] = 0.0
+        spread[2, 2] = turn2
     moved = times(times(move, joint), move.T)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     add_to(moved, times(times(turn, spread), turn.T), 1.0)
@@ -86,9 +88,10 @@ def followed(state, joint, step, noise, seconds, apart):  # type: ignore[no-unty
 @njit(cache=True, error_model="numpy")
 def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
-    samples. prior (4,): standard deviations, of those that have grown anew. apart: as of `followed`. Returns the
-    velocity (3,) of `taken`, and by how much the variances (3,) of the way, heading and turn have grown; negative if
-    the image lies elsewhere, may_change is not set, and nothing was taken.
+    samples. prior (4,): standard deviations, of those that have grown anew. apart: how far gyro and odometry are (rad),
+    NaN without. Returns the velocity (3,) of `taken`; (4,) by how much the variances of the way, heading and turn have
+    grown, and the probability of a turn that this makes, 0 for none; negative if the image lies elsewhere, may_change
+    is not set, and nothing was taken.
     """
     (seen, covariance), (since, bend, velocity) = seen, taken(way, stamp_ns, state[LATE], joint[LATE, LATE])
     cosine, sine = math.cos(state[2]), math.sin(state[2])
@@ -96,7 +99,7 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
     c, s = math.cos(state[2] + since[2]), math.sin(state[2] + since[2])
     dx, dy = c * state[4] - s * state[5], s * state[4] + c * state[5]
     dx, dy = dx + cosine * since[0] - sine * since[1], dy + sine * since[0] + cosine * since[1]
-    by, more, spread = np.zeros((3, 7)), np.zeros(7), plus(covariance, VISION, 1.0)
+    by, more, spread, grown = np.zeros((3, 7)), np.zeros(7), plus(covariance, VISION, 1.0), np.zeros(4)
     for a in range(3):
         for b in range(3):
             spread[a, b] += (2.0 * bend[a]) * (2.0 * bend[b])
@@ -108,21 +111,25 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
     off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
     crossed = times(joint, by.T)
     expected = plus(times(by, crossed), spread, 1.0)
-    heading2, weight = expected[2, 2], inverse(expected)
+    off2, weight = expected[2, 2], inverse(expected)
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
-            return velocity, np.full(3, -1.0)
-        way2, turn2 = off[0] ** 2 + off[1] ** 2, off[2] ** 2
-        unfelt = turn2 > (UNFELT + 3.0 * apart) ** 2 + 9.0 * heading2 and way2 < UNFELT_M**2
-        # a lone line: the pose slides along it, but does not turn
-        if spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2 and not (unfelt and turn2 > TURN**2):
-            return velocity, more[1:4]
+            return velocity, np.full(4, -1.0)
+        alone = (
+            spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
+        )  # a lone line: the pose slides along it, but does not turn
+        way2, turn2 = 0.0 if alone else off[0] ** 2 + off[1] ** 2, off[2] ** 2
+        unfelt = is_unfelt(off[2], off2, way2, apart)
+        if alone and not (unfelt and turn2 > TURN**2):
+            return velocity, grown
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
         more[0], more[1], more[2], more[3] = way2, way2, turn2, CHANGED * turn2
-        if unfelt or (turn2 > TURN**2 and way2 < STANDS_M**2):  # a shove would have moved the robot, too
-            more[3] = turn2
+        if unfelt or (turn2 > TURN**2 and way2 < STANDS_M**2):
+            more[3], grown[3] = turn2, TURNED_UNFELT if unfelt else TURNED_IN_PLACE
+        for k in range(3):
+            grown[k] = more[1 + k]
         more[4], more[5], more[6] = CHANGED * aside2, CHANGED * aside2, CHANGED * late2
         for k in range(7):
             joint[k, k] += more[k]
@@ -136,7 +143,16 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
-    return velocity, more[1:4]
+    return velocity, grown
+
+
+@njit(cache=True, error_model="numpy")
+def is_unfelt(turn, variance, way2, apart):  # type: ignore[no-untyped-def]
+    """Whether images that turn at once by so much (rad, with its variance), and move the robot by a way (m², squared),
+    show no shove: gyro and odometry would have felt one. apart: how far they are (rad); NaN: one of them is missing.
+    """
+    least2 = (UNFELT + 3.0 * apart) ** 2 + 9.0 * variance
+    return least2 < turn**2 < MAX_UNFELT**2 and way2 < UNFELT_M**2
 
 
 @njit(cache=True, error_model="numpy")
@@ -277,14 +293,16 @@ class ConstantOffsets:
         if seconds < MAX_GAP_S:
             assert before_ns is not None
             span_ns = before_ns, max(sighting.stamp_ns, before_ns)
-            motion = history.between(*span_ns)
-            apart = abs(wrap_angle(history.gyro.turn_rad(*span_ns) - motion.pose.heading))
+            motion, apart = history.between(*span_ns), history.gyro_apart_rad(*span_ns)
+            turn2 = apart**2 + history.gyro.settings.variance(abs(motion.pose.heading), seconds)
             for each in (self._state, self._joint), *((one.state, one.joint) for one in others):
-                followed(*each, motion.pose.as_array(), steps.of(motion), seconds, apart)
+                followed(*each, motion.pose.as_array(), steps.of(motion), seconds, turn2)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
         known = self._given or seconds < MAX_GAP_S
-        unfelt = abs(turn) > UNFELT + 3.0 * apart and math.hypot(x, y) < UNFELT_M  # rather the camera's
-        elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR and not unfelt
+        elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR
+        if elsewhere:  # or rather the camera has turned
+            turn2 = self._joint[2, 2] + self._joint[3, 3] + 2.0 * self._joint[2, 3] + sighting.covariance[2, 2]
+            elsewhere = not is_unfelt(wrap_angle(turn - float(self._state[TURNED])), turn2, x * x + y * y, apart)
         if not known or (elsewhere and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
@@ -314,9 +332,9 @@ class ConstantOffsets:
         if not more2.any():
             return
         turned, displaced = self._camera
-        way2, heading2, turn2 = more2.tolist()
-        if turn2 == heading2 > 0.0:
-            self._camera = CAMERA_TURNED if turn2 > (UNFELT + 3.0 * seen[3]) ** 2 else CAMERA_MOVED, displaced
+        way2, heading2, _, is_turned = more2.tolist()
+        if is_turned:
+            self._camera = is_turned, displaced
         elif way2 > DISPLACED_M**2 and heading2 < UNTURNED**2 and not walks:
             self._camera = turned, CAMERA_DISPLACED
         if self._images == 1 and self._first_blurred:

@@ -264,9 +264,10 @@ class Integrity:
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
         turns_proved = self._turns_proved
         if unseen.heading:
-            apart = abs(wrap_angle(history.gyro.turn_rad(self._seen_ns, stamp_ns) - unseen.heading))
+            apart = history.gyro_apart_rad(self._seen_ns, stamp_ns)
             heading_rad += _unseen_rad(unseen.heading, apart)
-            turns_proved &= not apart > _unfelt_rad(unseen.heading)  # proved until the gyro says otherwise
+            # proved until a gyro says otherwise that images have not refuted
+            turns_proved &= not apart > _gyro_tolerance_rad(unseen.heading) or self.relation.refutes_gyro
         alert_m = ALERT_M if doubt else math.inf
         if not self._moves_proved and self.relation.contradicts:  # an odometry may have been wrong from the start
             alert_m = ALERT_UNPROVED_M
@@ -521,10 +522,10 @@ def _unseen_rad(turn: float, apart: float) -> float:
     """By how much (rad) a turn that no image showed may put the heading off: the odometry's sign might be wrong, unless
     the gyro, which is so far `apart` (rad; NaN: it tells none), agrees.
     """
-    return max(GYRO_RATIO * abs(turn), apart) if apart < _unfelt_rad(turn) else 2.0 * abs(turn)
+    return max(GYRO_RATIO * abs(turn), apart) if apart < _gyro_tolerance_rad(turn) else 2.0 * abs(turn)
 
 
-def _unfelt_rad(turn: float) -> float:
+def _gyro_tolerance_rad(turn: float) -> float:
     """From which difference (rad) on the gyro contradicts a turn."""
     return GYRO_RAD + GYRO_RATIO * abs(turn)
 

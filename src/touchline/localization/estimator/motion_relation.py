@@ -614,6 +614,12 @@ class MotionRelation:
         return min(images, odometry) < 0.5 * max(images, odometry) and max(images, odometry) > SIGMA_RAD
 
     @property
+    def refutes_gyro(self) -> bool:
+        """Whether the images agree clearly better with the odometry than with the gyro."""
+        images, odometry = self._gyro_agrees()
+        return math.isfinite(images) and odometry > SIGMA_RAD and images > SIGMA_RAD
+
+    @property
     def is_guess(self) -> bool:
         """Whether neither an explanation nor the gyro tells which of images and odometry is to blame."""
         return not self.is_explained and not self._gyro_tells(*self._gyro_agrees())

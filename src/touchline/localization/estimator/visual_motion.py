@@ -24,8 +24,9 @@ FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 BLURRED_M = 0.04  # standard deviation of a pose from which a sector shows little
 SECTOR_RATIO = 2.0  # of the variance of a pose by a few things, each of which may be taken for another
-# of an image all round: along an axis that it tells worse, and so many times worse than the other, it tells nothing
-MAX_SIGMA_M, LONE_RATIO, UNKNOWN_M = 0.03, 3.0, 3.0
+# of an image all round: along an axis that it tells worse, and so many times worse than the other, it tells nothing;
+# nor along one that it tells hardly better than was expected
+MAX_SIGMA_M, LONE_RATIO, MAX_TOLD_M, UNKNOWN_M = 0.03, 3.0, 0.15, 3.0
 LEARNING_S, LEARNED_Z = 4.0, 2.0  # after the first image, and by how many standard deviations of one image
 _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
 
@@ -167,7 +168,7 @@ def _told_alone(covariance: FloatArray) -> FloatArray:
     if widest_m(covariance) <= MAX_SIGMA_M:  # nearly always
         return covariance
     variances, axes = np.linalg.eigh(covariance[:2, :2])
-    along = axes[:, variances > max(MAX_SIGMA_M**2, LONE_RATIO**2 * variances[0])]
+    along = axes[:, variances > min(max(MAX_SIGMA_M**2, LONE_RATIO**2 * variances[0]), MAX_TOLD_M**2)]
     told = covariance.copy()
     told[:2, :2] += UNKNOWN_M**2 * along @ along.T
     return told
