@@ -189,7 +189,8 @@ class Features:
         length = np.hypot(along[:, 0], along[:, 1])
         kept = np.full(len(lines), s.use.lines) & (length > MIN_M)
         kept &= (length >= s.short_line_m) | (np.hypot(middles[:, 0], middles[:, 1]) < s.far_line_m)
-        ends, covariances, trust = ends[kept], lines.covariances_m2[kept], lines.confidences[kept]
+        ends, trust = ends[kept], lines.confidences[kept]
+        covariances = np.ascontiguousarray(lines.covariances_m2[kept])  # one type for the compiled loop
         sigmas, own, mixture = np.empty((len(ends), 2)), np.empty((len(ends), 2)), np.empty((2, len(ends)))
         line_noise(ends, covariances, trust, self._noise, sigmas, own, mixture)
         return LineFeatures(ends, sigmas, own, mixture[0], mixture[1], trust)
