@@ -520,10 +520,11 @@ def test_a_pose_found_elsewhere_has_to_show_as_many_lines_as_usual() -> None:
 
 def test_an_image_of_a_lone_line_tells_nothing_along_it_and_a_poor_one_what_it_tells() -> None:
     lone, poor = (np.diag(np.square([0.5 * MAX_SIGMA_M if lone else 0.04, 0.05, 0.01])) for lone in (True, False))
-    assert _told_alone(lone)[1, 1] > UNKNOWN_M**2
-    np.testing.assert_array_equal(_told_alone(poor), poor)
+    assert _told_alone(lone, 1.0)[1, 1] > UNKNOWN_M**2
+    np.testing.assert_array_equal(_told_alone(poor, 1.0), poor)
+    assert (np.diag(_told_alone(poor, 0.6))[:2] > UNKNOWN_M**2).all()  # whose points lie on no line
     for deviations_m, untold in ([0.5, 0.5], [0, 1]), ([0.1, 0.5], [1]):  # what was expected is not told
-        told = _told_alone(np.diag(np.square([*deviations_m, 0.01])))
+        told = _told_alone(np.diag(np.square([*deviations_m, 0.01])), 1.0)
         assert np.flatnonzero(np.diag(told) > UNKNOWN_M**2).tolist() == untold
 
 

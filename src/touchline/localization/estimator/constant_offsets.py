@@ -44,6 +44,7 @@ DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
 UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
 VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
 SCALE = 0.1  # of the odometry
+SYSTEMATIC = 3.0  # by how much what gyro and odometry are apart in a step counts more: the next step errs alike
 JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may have changed
 CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
@@ -294,7 +295,7 @@ class ConstantOffsets:
             assert before_ns is not None
             span_ns = before_ns, max(sighting.stamp_ns, before_ns)
             motion, apart = history.between(*span_ns), history.gyro_apart_rad(*span_ns)
-            turn2 = apart**2 + history.gyro.settings.variance(abs(motion.pose.heading), seconds)
+            turn2 = (SYSTEMATIC * apart) ** 2 + history.gyro.settings.variance(abs(motion.pose.heading), seconds)
             for each in (self._state, self._joint), *((one.state, one.joint) for one in others):
                 followed(*each, motion.pose.as_array(), steps.of(motion), seconds, turn2)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()

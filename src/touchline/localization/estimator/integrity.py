@@ -75,6 +75,7 @@ ALERT_UNPROVED_M = 0.4  # while no images have confirmed the odometry, and the n
 # off by twice the way
 UNSEEN_M, UNSEEN_RATIO = 0.05, 2.0
 GYRO_RAD, GYRO_RATIO = 0.05, 0.15  # within which the gyro confirms an unseen turn of the odometry
+DENIED_RAD, DENIED_RATIO = 0.15, 0.5  # and beyond which it denies it: a late odometry is nearer
 _NO_STEPS = Plan(np.zeros(0), TRACKING.gate2, TRACKING.floor_m2, TRACKING.clutter_per_m)
 _GOLDEN = 2.399963
 NOWHERE = Pose(0.0, 0.0, 0.0)
@@ -266,8 +267,8 @@ class Integrity:
         if unseen.heading:
             apart = history.gyro_apart_rad(self._seen_ns, stamp_ns)
             heading_rad += _unseen_rad(unseen.heading, apart)
-            # proved until a gyro says otherwise that images have not refuted
-            turns_proved &= not apart > _gyro_tolerance_rad(unseen.heading) or self.relation.refutes_gyro
+            # proved until a gyro denies the turn that images have not refuted
+            turns_proved &= not apart > DENIED_RAD + DENIED_RATIO * abs(unseen.heading) or self.relation.refutes_gyro
         alert_m = ALERT_M if doubt else math.inf
         if not self._moves_proved and self.relation.contradicts:  # an odometry may have been wrong from the start
             alert_m = ALERT_UNPROVED_M

@@ -24,9 +24,9 @@ FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 BLURRED_M = 0.04  # standard deviation of a pose from which a sector shows little
 SECTOR_RATIO = 2.0  # of the variance of a pose by a few things, each of which may be taken for another
-# of an image all round: along an axis that it tells worse, and so many times worse than the other, it tells nothing;
-# nor along one that it tells hardly better than was expected
-MAX_SIGMA_M, LONE_RATIO, MAX_TOLD_M, UNKNOWN_M = 0.03, 3.0, 0.15, 3.0
+# of an image all round: along an axis that it tells worse it tells nothing; where the pose explains so much of it, only
+# along one that it tells so many times worse than the other, or hardly better than was expected
+MAX_SIGMA_M, WELL, LONE_RATIO, MAX_TOLD_M, UNKNOWN_M = 0.03, 0.85, 1.5, 0.15, 3.0
 LEARNING_S, LEARNED_Z = 4.0, 2.0  # after the first image, and by how many standard deviations of one image
 _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
 
@@ -123,7 +123,7 @@ class VisualMotion:
         expected = StatePrior(state, _expected(camera.covariance))
         joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
         covariance = _covariance(joint.information, expected.information)
-        covariance = _told_alone(covariance) if camera.all_round else SECTOR_RATIO * covariance
+        covariance = _told_alone(covariance, joint.explained) if camera.all_round else SECTOR_RATIO * covariance
         blurred = not camera.all_round and widest_m(covariance) > BLURRED_M
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False, blurred)
 
@@ -163,12 +163,13 @@ def _mixed(best: Sighting, fits: Sequence[Sighting]) -> Sighting:
     return best._replace(pose=best.pose + mean, covariance=covariance + (weights * offsets.T) @ offsets)
 
 
-def _told_alone(covariance: FloatArray) -> FloatArray:
-    """Of a pose (3, 3), without what was expected of it: along a lone line that is all there is."""
+def _told_alone(covariance: FloatArray, explained: float) -> FloatArray:
+    """Of a pose (3, 3) that explains so much of an image, without what was expected: along a lone line that is all."""
     if widest_m(covariance) <= MAX_SIGMA_M:  # nearly always
         return covariance
     variances, axes = np.linalg.eigh(covariance[:2, :2])
-    along = axes[:, variances > min(max(MAX_SIGMA_M**2, LONE_RATIO**2 * variances[0]), MAX_TOLD_M**2)]
+    least2 = max(MAX_SIGMA_M**2, LONE_RATIO**2 * variances[0]) if explained >= WELL else MAX_SIGMA_M**2
+    along = axes[:, variances > min(least2, MAX_TOLD_M**2)]
     told = covariance.copy()
     told[:2, :2] += UNKNOWN_M**2 * along @ along.T
     return told
