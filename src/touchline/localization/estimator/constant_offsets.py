@@ -28,8 +28,7 @@ AT_FIRST = np.array([0.12, 0.15, 0.15, 0.08])  # their standard deviations, of a
 TURNED_ROBOTS, DISPLACED_ROBOTS, LATE_ROBOTS = 0.008, 0.002, 0.02  # shares of all robots that have one of them
 USUAL_CAMERA = TURNED_ROBOTS, DISPLACED_ROBOTS
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
-# probability of a turn where images turn at once, by more than TURN, about where the robot stands: a shove would have
-# moved it
+# probability of a turn where images turn at once, by more than TURN, about where the robot stands: shoves move it, too
 TURNED_IN_PLACE, TURN, STANDS_M = 0.5, 0.05, 0.03
 # and where they turn by so much more than gyro and odometry are apart (rad), and move it no farther than a shove does;
 # beyond MAX_UNFELT it was rather found elsewhere
@@ -116,9 +115,8 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
             return velocity, np.full(4, -1.0)
-        alone = (
-            spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
-        )  # a lone line: the pose slides along it, but does not turn
+        # a lone line: the pose slides along it, but does not turn
+        alone = spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
         way2, turn2 = 0.0 if alone else off[0] ** 2 + off[1] ** 2, off[2] ** 2
         unfelt = is_unfelt(off[2], off2, way2, apart)
         if alone and not (unfelt and turn2 > TURN**2):

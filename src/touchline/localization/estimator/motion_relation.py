@@ -615,9 +615,9 @@ class MotionRelation:
 
     @property
     def refutes_gyro(self) -> bool:
-        """Whether the images agree clearly better with the odometry than with the gyro."""
-        images, odometry = self._gyro_agrees()
-        return math.isfinite(images) and odometry > SIGMA_RAD and images > SIGMA_RAD
+        """Whether the gyro has turned otherwise than the images, and than the odometry."""
+        nearest = min(self._gyro_agrees())
+        return SIGMA_RAD < nearest < math.inf
 
     @property
     def is_guess(self) -> bool:
