@@ -145,7 +145,7 @@ class MotionHistory:
         return self.odometry_instead(start_ns, end_ns) or self.wheels.between(start_ns, end_ns)
 
     def gyro_apart_rad(self, start_ns: int, end_ns: int) -> float:
-        """How far the gyro's turn is from the motion's (rad); NaN where there is no second witness."""
+        """How far the gyro's turn is from the motion's (rad); NaN where it tells none of its own."""
         motion = self.between(start_ns, end_ns)
         turn_rad = math.nan if motion.by_gyro else self.gyro.turn_rad(start_ns, end_ns)
         return abs(wrap_angle(turn_rad - motion.pose.heading))

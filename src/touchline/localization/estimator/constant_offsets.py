@@ -61,7 +61,7 @@ ACCELERATION = 3.0, 6.0  # of robots on wheels (m/s², rad/s²): a speed changes
 @njit(cache=True, error_model="numpy")
 def followed(state, joint, step, noise, seconds, turn2):  # type: ignore[no-untyped-def]
     """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it. turn2: of its
-    turn, by a second witness, in the place of its own; NaN where there is none.
+    turn, checked by the gyro, in the place of its own; NaN where there is none.
     """
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     x, y = cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1]
