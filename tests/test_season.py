@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -174,3 +175,23 @@ def test_estimates_that_cannot_be_written_are_one_recordings_failure(
 def test_workers_need_no_pyarrow() -> None:
     code = "import sys, touchline.season.runs; sys.exit('pyarrow' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path: Path) -> None:
+    (tmp_path / "loops.py").write_text(
+        "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"
+    )
+    code = (
+        "import numba, loops\nfrom touchline.season.loaded_loops import load_loops_lean\n"
+        "load_loops_lean()\nprint(loops.twice(1.0), sum(loops.twice.stats.cache_hits.values()))\n"
+        "kept = next(iter(loops.twice.overloads.values())).library._shared_module\n"
+        "print(kept is None, numba.njit(lambda x: 1.0 + loops.twice(x))(3.0))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    assert said == [["2.0", "0", "False", "7.0"], ["2.0", "1", "True", "7.0"]]

@@ -124,7 +124,7 @@ class PreparedRun:
                 on_frame=on_frame,
                 stop=stop,
                 particles=lambda: particles_of(self.system),
-                draw=(lambda *_: None) if report is None else thumbnails(self.source),
+                draw=None if report is None else thumbnails(self.source),
             )
         try:
             return self._finish(folder, description, tally, report), tally.failure

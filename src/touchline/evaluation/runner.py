@@ -256,7 +256,7 @@ def run_frames(
     on_frame: Sequence[OnFrame] = (),
     stop: Callable[[], bool] = lambda: False,
     particles: Particles = lambda: None,
-    draw: Thumbnails = lambda *_: None,
+    draw: Thumbnails | None = lambda *_: None,
 ) -> RunTally:
     """Step the system through all frames and write every estimate.
 
@@ -264,10 +264,10 @@ def run_frames(
     any other. A frame that comes late by up to a second, or whose stamp jumps without that of the next one, is dropped
     and counted; where a clock was set back, what was written from there on is replaced. `stop` is asked after every
     frame; if it says so, the run ends as interrupted. `particles` is asked at the frames kept for the report,
-    `draw` for up to a hundred small pictures, whose time is not counted. An exception of the system or the source
-    ends the run as failed and is kept in the tally; what was done until then is in the folder.
+    `draw` for up to a hundred small pictures, whose time is not counted; without it no frame is kept. An exception of
+    the system or the source ends the run as failed and is kept in the tally; what was done until then is in the folder.
     """
-    picker = FramePicker(len(source), particles, draw)
+    picker = None if draw is None else FramePicker(len(source), particles, draw)
     tally = RunTally(pictures=picker)
     start_s = time.perf_counter()
     try:
@@ -276,7 +276,7 @@ def run_frames(
         tally.ended = "interrupted"
     except Exception as error:
         tally.ended, tally.failure = "failed", error
-    tally.wall_s = time.perf_counter() - start_s - picker.spent_s
+    tally.wall_s = time.perf_counter() - start_s - (0.0 if picker is None else picker.spent_s)
     return tally
 
 
