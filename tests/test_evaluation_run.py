@@ -271,7 +271,7 @@ def test_summary_counts_and_rates(tmp_path: Path) -> None:
 
 def test_a_run_without_pictures_keeps_no_image(tmp_path: Path) -> None:
     with RunFolder(tmp_path) as writer:
-        tally = run_frames(FakeSource(3), FakeSystem(np.random.default_rng(0)), writer, draw=None)
+        tally = run_frames(FakeSource(3), FakeSystem(np.random.default_rng(0)), writer, pictures=False)
     assert (tally.ended, tally.frames, tally.pictures) == ("complete", 3, None)
 
 
