@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from touchline.camera import GroundView, PinholeCamera
+from touchline.experiments.clutter import distances_to_segment
 from touchline.field import open_field
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.colour import Carpet, _most_frequent_green, colour_model
 from touchline.perception.colour_ellipses import FIXED, learned_ellipse, learned_names, tinted_chroma
 from touchline.perception.colour_file import save_colours
@@ -43,6 +44,7 @@ from touchline.sources import open_source
 from touchline.types import ImageArray
 
 CARPET, WORN, WALL = (45, 90, 75), (105, 130, 125), (240, 240, 240)
+SIDES = np.full((120, 2), 6)
 
 
 def worn_field(carpet: tuple[int, int, int] = CARPET) -> ImageArray:
@@ -91,6 +93,44 @@ def test_colours_are_learned_from_what_stands_on_the_carpet_not_from_posters() -
     assert learn_classes([image], everywhere(), everywhere(), yuv=False).model.ellipses == FIXED
 
 
+def shaded_scene() -> tuple[LineGraphDetector, ImageArray, np.ndarray, np.ndarray]:
+    """Hardly green carpet whose left part lies in the shade; its detector, and where paint and where shade is."""
+    rng, field = np.random.default_rng(1), open_field("humanoid-kid-9x6")
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.45, 0.0, (0.0, 0.0, 1.0))
+    camera = PinholeCamera(640, 480, 450.0, 450.0, 319.5, 239.5, np.zeros(5), mount)
+    v, u = np.mgrid[:480, :640]
+    ground = GroundView(camera).ground_from_image(np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
+    places = Pose(1.5, 0.3, 0.1).transform(np.nan_to_num(ground, nan=1e6))
+    paint = np.min([distances_to_segment(places, each) for each in field.segments], axis=0) < 0.5 * field.line_width
+    paint, shade = paint.reshape(u.shape), u < 260 + 0.3 * (v - 240)
+    image = np.where(paint[..., np.newaxis], (217.0, 202.0, 200.0), (150.0, 168.0, 150.0))
+    turf = cv2.GaussianBlur(rng.normal(0.0, 1.0, u.shape), (0, 0), 1.0)
+    image *= np.exp(0.06 * turf / turf.std())[..., np.newaxis]
+    image[shade] *= (0.5, 0.6, 0.52)
+    image[np.isnan(ground[:, 0]).reshape(u.shape)] = WALL
+    image = cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(0.0, 3.0, image.shape)
+    return LineGraphDetector(camera, LineGraphSettings(), field), np.clip(image, 0, 255).astype(np.uint8), paint, shade
+
+
+def test_shaded_paint_in_the_colour_of_sunlit_carpet_is_found_by_the_carpet_beside_it() -> None:
+    detector, image, paint, shade = shaded_scene()
+    seen = detector.detect(image, GroundView(detector.camera))
+    assert detector.classes is not None
+    assert detector.classes.least_contrast > 0.0
+    u, v = np.rint(seen.points.pixels).astype(int).T
+    near = cv2.dilate(paint.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    assert near[v, u].mean() > 0.98  # none along the edge of the shade
+    for part in (shade, ~shade):
+        found = np.zeros(paint.shape, dtype=np.uint8)
+        found[v, u] = 1
+        columns = (paint & part).any(axis=0)
+        assert (cv2.dilate(found, np.ones((1, 13), np.uint8)) & part).any(axis=0)[columns].mean() > 0.9
+
+
+def test_where_colours_tell_paint_the_carpet_beside_it_is_not_asked() -> None:
+    assert learn_classes([worn_field()], everywhere(), everywhere(), False, SIDES).least_contrast == 0.0
+
+
 def test_a_colour_file_s_classes_are_those_that_were_marked() -> None:
     model = learn_classes([worn_field()], everywhere(), everywhere(), yuv=False).model
     mauve = np.array([[100.0, 75.0, 110.0]])
@@ -117,7 +157,7 @@ def test_faint_lines_are_left_out_beside_strong_ones_only() -> None:
 
 def test_colours_are_learned_again_when_the_green_fades() -> None:
     memory = ColourMemory(None, 1, yuv=False)
-    memory.learn(worn_field(), lambda: (everywhere(), everywhere()))
+    memory.learn(worn_field(), lambda: (everywhere(), everywhere(), SIDES))
     assert not memory.is_learning
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
     horizon = np.ones((30, 40), dtype=np.bool_)
@@ -129,14 +169,14 @@ def test_colours_are_learned_again_when_the_green_fades() -> None:
     assert not memory.is_learning
     memory.watch(counts, horizon, np.full(40, 30.0))
     assert memory.is_learning
-    memory.learn(worn_field((30, 60, 50)), lambda: (everywhere(), everywhere()))
+    memory.learn(worn_field((30, 60, 50)), lambda: (everywhere(), everywhere(), SIDES))
     assert memory.classes is not None
     np.testing.assert_allclose(memory.classes.model.green, (30, 60, 50), atol=3.0)
 
 
 def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
     memory, usual = ColourMemory(None, 1, yuv=False), worn_field()
-    memory.learn(usual, lambda: (everywhere(), everywhere()))
+    memory.learn(usual, lambda: (everywhere(), everywhere(), SIDES))
     learned = memory.classes
     assert learned is not None
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
@@ -155,7 +195,7 @@ def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
 def test_a_carpet_without_blue_and_red_is_followed() -> None:
     """A simulator's pure green: where a channel shows nothing its tint is as strong as any is taken to be."""
     memory, usual = ColourMemory(None, 1, yuv=False), worn_field((0, 150, 0))
-    memory.learn(usual, lambda: (everywhere(), everywhere()))
+    memory.learn(usual, lambda: (everywhere(), everywhere(), SIDES))
     counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
     counts[GREEN] = FULL
     memory.watch(counts, np.ones((30, 40), dtype=np.bool_), np.full(40, 20.0))

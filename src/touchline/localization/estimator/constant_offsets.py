@@ -30,9 +30,9 @@ USUAL_CAMERA = TURNED_ROBOTS, DISPLACED_ROBOTS
 CLOCK_SET = 0.9  # probability of it where images come otherwise than usual
 # probability of a turn where images turn at once, by more than TURN, about where the robot stands: shoves move it, too
 TURNED_IN_PLACE, TURN, STANDS_M = 0.5, 0.05, 0.03
-# and where they turn by so much more than gyro and odometry are apart (rad), and move it no farther than a shove does;
-# beyond MAX_UNFELT it was rather found elsewhere
-TURNED_UNFELT, UNFELT, MAX_UNFELT, UNFELT_M = 0.9, 0.02, 0.8, 0.7
+# and where they turn by so much more (rad) than gyro and odometry are apart, and than images do that are late by
+# OFTEN_LATE_S, and move it no farther than a shove does; beyond MAX_UNFELT it was rather found elsewhere
+TURNED_UNFELT, UNFELT, OFTEN_LATE_S, MAX_UNFELT, UNFELT_M = 0.9, 0.02, 0.3, 0.8, 0.7
 FIRST_IMAGES = 5  # which may have been taken for others: nothing has turned since
 # probability of a displacement where images of a robot on wheels jump by more than that and do not turn: a shove turns
 CAMERA_DISPLACED, DISPLACED_M, UNTURNED = 0.3, 0.15, 0.03
@@ -43,7 +43,6 @@ DRIFT = np.array([0.003, 0.004, 0.004, 0.003])  # in the root of a second
 UNKNOWN = np.diag(np.square([3.0, 3.0, 1.0]))  # of a pose that only an image tells, about that
 VISION = np.diag(np.square([0.01, 0.01, 0.005]))  # of a pose by an image, beside its covariance: what is common to many
 SCALE = 0.1  # of the odometry
-SYSTEMATIC = 3.0  # by how much what gyro and odometry are apart in a step counts more: the next step errs alike
 JUMP = 14.0  # squared Mahalanobis distance of an image from which anything may have changed
 CHANGED = 0.16  # share of its square that these may be: a shove is likelier, but what is left covers the jump
 MAX_LATE_S, MAX_ASIDE_M, MIN_SPEED_M_S = 0.6, 0.4, 0.3
@@ -86,12 +85,12 @@ def followed(state, joint, step, noise, seconds, turn2):  # type: ignore[no-unty
 
 
 @njit(cache=True, error_model="numpy")
-def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # type: ignore[no-untyped-def]
+def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
-    samples. prior (4,): standard deviations, of those that have grown anew. apart: how far gyro and odometry are (rad),
-    NaN without. Returns the velocity (3,) of `taken`; (4,) by how much the variances of the way, heading and turn have
-    grown, and the probability of a turn that this makes, 0 for none; negative if the image lies elsewhere, may_change
-    is not set, and nothing was taken.
+    samples. prior (4,): standard deviations, of those that have grown anew. felt: how far gyro and odometry are apart
+    (rad), NaN without, and the rate of turn at the image before. Returns the velocity (3,) of `taken`; (4,) by how much
+    the variances of the way, heading and turn have grown, and the probability of a turn that this makes, 0 for none;
+    negative if the image lies elsewhere, may_change is not set, and nothing was taken.
     """
     (seen, covariance), (since, bend, velocity) = seen, taken(way, stamp_ns, state[LATE], joint[LATE, LATE])
     cosine, sine = math.cos(state[2]), math.sin(state[2])
@@ -118,7 +117,7 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
         # a lone line: the pose slides along it, but does not turn
         alone = spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
         way2, turn2 = 0.0 if alone else off[0] ** 2 + off[1] ** 2, off[2] ** 2
-        unfelt = is_unfelt(off[2], off2, way2, apart)
+        unfelt = is_unfelt(off[2], off2, way2, felt[0], velocity[2] - felt[1])
         if alone and not (unfelt and turn2 > TURN**2):
             return velocity, grown
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
@@ -146,11 +145,12 @@ def corrected(state, joint, prior, seen, way, stamp_ns, apart, may_change):  # t
 
 
 @njit(cache=True, error_model="numpy")
-def is_unfelt(turn, variance, way2, apart):  # type: ignore[no-untyped-def]
+def is_unfelt(turn, variance, way2, apart, faster):  # type: ignore[no-untyped-def]
     """Whether images that turn at once by so much (rad, with its variance), and move the robot by a way (m², squared),
     show no shove: gyro and odometry would have felt one. apart: how far they are (rad); NaN: one of them is missing.
+    faster (rad/s): than at the image before, by which late images turn, too.
     """
-    least2 = (UNFELT + 3.0 * apart) ** 2 + 9.0 * variance
+    least2 = (UNFELT + 3.0 * apart + OFTEN_LATE_S * abs(faster)) ** 2 + 9.0 * variance
     return least2 < turn**2 < MAX_UNFELT**2 and way2 < UNFELT_M**2
 
 
@@ -206,7 +206,7 @@ def exceeded_moving(sets, speed, rate):  # type: ignore[no-untyped-def]
 
 
 # of an image, as `corrected` takes it
-_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int, float]
+_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int, tuple[float, float]]
 
 
 class _Belief(NamedTuple):
@@ -293,7 +293,7 @@ class ConstantOffsets:
             assert before_ns is not None
             span_ns = before_ns, max(sighting.stamp_ns, before_ns)
             motion, apart = history.between(*span_ns), history.gyro_apart_rad(*span_ns)
-            turn2 = (SYSTEMATIC * apart) ** 2 + history.gyro.settings.variance(abs(motion.pose.heading), seconds)
+            turn2 = apart**2 + history.gyro.settings.variance(abs(motion.pose.heading), seconds)
             for each in (self._state, self._joint), *((one.state, one.joint) for one in others):
                 followed(*each, motion.pose.as_array(), steps.of(motion), seconds, turn2)
         x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
@@ -301,7 +301,8 @@ class ConstantOffsets:
         elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR
         if elsewhere:  # or rather the camera has turned
             turn2 = self._joint[2, 2] + self._joint[3, 3] + 2.0 * self._joint[2, 3] + sighting.covariance[2, 2]
-            elsewhere = not is_unfelt(wrap_angle(turn - float(self._state[TURNED])), turn2, x * x + y * y, apart)
+            turned, faster = wrap_angle(turn - float(self._state[TURNED])), self._newest[2] - self._velocity[2]
+            elsewhere = not is_unfelt(turned, turn2, x * x + y * y, apart, faster)
         if not known or (elsewhere and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
@@ -309,7 +310,7 @@ class ConstantOffsets:
         others = [one for one in others if sighting.stamp_ns - one.stamp_ns < 1e9 * KEPT_S]
         apart = apart if self._images >= FIRST_IMAGES else math.nan
         image = sighting.pose, sighting.covariance
-        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, apart)
+        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, (apart, float(self._velocity[2])))
         for one in others:
             self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
             if more2[0] >= 0.0:

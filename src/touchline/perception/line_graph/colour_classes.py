@@ -18,6 +18,7 @@ from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import ColourModel, channel_sums, colour_model, learn_carpet, pixel_noise
 from touchline.perception.colour_ellipses import is_black, luma_chroma, nearest_ellipse, tinted_chroma
+from touchline.perception.line_graph.contrast import learn_contrast
 from touchline.perception.line_graph.standing_colours import standing_ellipses
 from touchline.types import ImageArray
 
@@ -44,6 +45,7 @@ _SOLID = 0.5  # share of green about a pixel of it that is carpet
 _FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
 _PAINT_ROUNDS = 3
 NO_TINT = np.ones(3)
+_UNSEEN = 0.25  # share of the paint that colours alone take for carpet, from which on the carpet beside it tells
 _EDGES = 0.65  # share of what is pale between carpet that is only partly paint
 
 CountArray = ByteArray
@@ -56,7 +58,8 @@ class ColourClasses(NamedTuple):
     tables: uint8 (2, 65536) by the 5, 6 and 5 highest bits of B, G, R: a class, OTHER, or FIRST_WHITE and more; the
     second where the sun washes the carpet out. model: carpet and paint that it comes from. white_from: the code from
     which on a pixel is white in the light it was learned in, white_until: in any light. local: whether that goes with
-    the light about each cell.
+    the light about each cell. least_contrast: from which on what exceeds both its sides is white, as of `Contrast`,
+    where colours alone don't tell paint; else 0.
     """
 
     tables: ByteArray
@@ -64,14 +67,18 @@ class ColourClasses(NamedTuple):
     white_from: float
     white_until: float
     local: bool
+    least_contrast: float = 0.0
 
 
-def learn_classes(images: Sequence[ImageArray], near: BoolArray, around: BoolArray, yuv: bool) -> ColourClasses:
+def learn_classes(
+    images: Sequence[ImageArray], near: BoolArray, around: BoolArray, yuv: bool, reach: IntArray | None = None
+) -> ColourClasses:
     """Learn from images (H, W, 3): the carpet's green first, then the paint beside it.
 
     near, around: (H, W) where carpet is expected, and all of the field that is looked at. yuv: the paper's form, one
     luminance threshold for white and an ellipse for green; else green is a range of rays from black, and white is told
     by Fisher's direction from carpet to paint and relative to the light about it.
+    reach: of `contrasts`, to learn whether colours tell paint at all; None: they have to.
     Raises NoCarpetError when no greenish colour is frequent.
     """
     carpet = learn_carpet(images, near, around, pixel_noise(images, near))
@@ -79,9 +86,15 @@ def learn_classes(images: Sequence[ImageArray], near: BoolArray, around: BoolArr
     paint = _learn_paint(images, around, model)
     if paint is not None:
         model = colour_model(carpet, paint)
+    contrast = None if yuv or reach is None else learn_contrast(images, around, reach, model)
+    if contrast is not None and contrast.unseen > _UNSEEN:
+        model = colour_model(carpet, carpet.green * contrast.paint)
     if not yuv:
         model = replace(model, ellipses=standing_ellipses(images, around, model))
-    return _classes(model, carpet.pixels if yuv else None)
+    classes = _classes(model, carpet.pixels if yuv else None)
+    if contrast is not None and contrast.unseen > _UNSEEN:
+        classes = classes._replace(least_contrast=contrast.least)
+    return classes
 
 
 def classes_of_model(model: ColourModel, yuv: bool) -> ColourClasses:

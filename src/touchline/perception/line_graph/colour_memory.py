@@ -61,17 +61,18 @@ class ColourMemory:
         """Whether the next image is to be learned from."""
         return self._kept is None and not self._has_learned
 
-    def learn(self, image: ImageArray, masks: Callable[[], tuple[BoolArray, BoolArray]]) -> None:
+    def learn(self, image: ImageArray, masks: Callable[[], tuple[BoolArray, BoolArray, IntArray]]) -> None:
         """Learn from an image (H, W, 3): the first serves at once, all together once they are there.
 
-        masks: makes near and around of `learn_classes`. Raises NoCarpetError where no carpet is seen and no colours are
-        known.
+        masks: makes near, around and reach of `learn_classes`. Raises NoCarpetError where no carpet is seen and no
+        colours are known.
         """
         self._images.append(image)
         if len(self._images) not in (1, self._frames):
             return
         try:
-            self.classes = self._learned = learn_classes(self._images, *masks(), self._yuv)
+            near, around, sides = masks()
+            self.classes = self._learned = learn_classes(self._images, near, around, self._yuv, sides)
             self._tint = NO_TINT
         except NoCarpetError:
             self._images.pop()

@@ -16,12 +16,13 @@ import numpy as np
 from touchline.camera import Camera, GroundView, PinholeCamera, ground_view
 from touchline.errors import InputError
 from touchline.field import FieldModel
-from touchline.geometry import BoolArray, FloatArray
+from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size, image_of, lean_of
 from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle, without_arcs
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
 from touchline.perception.line_graph.colour_memory import ColourMemory
+from touchline.perception.line_graph.contrast import BLOCK_PX
 from touchline.perception.line_graph.crossings import find_crossings
 from touchline.perception.line_graph.field_boundary import boundary_points
 from touchline.perception.line_graph.field_lines import cell_pixels, find_lines, lines_on_ground
@@ -35,7 +36,7 @@ from touchline.perception.line_graph.landmarks import find_landmarks
 from touchline.perception.line_graph.pictures import step_pictures
 from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.settings import LineGraphSettings
-from touchline.perception.line_graph.structure import Structure, find_structure
+from touchline.perception.line_graph.structure import Structure, find_structure, sides
 from touchline.types import Frame, ImageArray, Landmarks, LinePoints, Observation
 
 _NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
@@ -141,17 +142,17 @@ class LineGraphDetector:
         signal = (*model.signal.tolist(), -float(model.signal @ model.green))
         blue, green, red = model.green
         least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
-        return Pixels(image, least, signal, structure.light, self.field.line_width, _LOOSEST, _TIGHTEST)
+        return Pixels(image, least, signal, structure.light, structure.base, self.field.line_width, _LOOSEST, _TIGHTEST)
 
-    def _masks(self, view: GroundView) -> tuple[BoolArray, BoolArray]:
-        """(H, W) pixels that see ground near by, and ground that is looked at at all."""
+    def _masks(self, view: GroundView) -> tuple[BoolArray, BoolArray, IntArray]:
+        """(H, W) pixels that see ground near by, and ground that is looked at at all; `sides` of a line."""
         plane = image_plane(self.lens, view)
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
         ground = grounds_from_pixels(plane, np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
         ranges_m = np.hypot(*ground.T).reshape(u.shape)
         around = ranges_m <= self.settings.max_range_m
         near = ranges_m <= max(_NEAR_M, float(np.quantile(ranges_m[around], 0.25)) if around.any() else _NEAR_M)
-        return near, around
+        return near, around, sides(plane, self.camera.height // BLOCK_PX, self.field.line_width)
 
     def _circle(self, structure: Structure, plane: ImagePlane, ends_m: FloatArray) -> Circle | None:
         if not self._radius_m:

@@ -37,16 +37,18 @@ class Cut(NamedTuple):
 class Pixels(NamedTuple):
     """What profiles are read from.
 
-    image: (H, W, 3). least_green: excess of G from which on a
-    colour is green, as a share of B + G + R. signal: (4,) weights of B, G, R and a constant: 0 on carpet, 1 on
-    paint in the light that was learned. light: (rows, columns) of cells, how bright it is against that. width_m: of a
-    line. loosest, tightest: how much wider and narrower than expected a line may look.
+    image: (H, W, 3). least_green: excess of G from which on a colour is green, as a share of B + G + R. signal: (4,)
+    weights of B, G, R and a constant: 0 on carpet, 1 on paint in the light that was learned. light: (rows, columns) of
+    cells, how bright it is against that. base: (rows, columns) signal of the carpet there where colours alone don't
+    tell paint, else 0. width_m: of a line. loosest, tightest: how much wider and narrower than expected a line may
+    look.
     """
 
     image: ImageArray
     least_green: float
     signal: Numbers
     light: FloatArray
+    base: FloatArray
     width_m: float
     loosest: float
     tightest: float
@@ -69,7 +71,8 @@ def signal_at(pixels: Pixels, u: float, v: float) -> float:
             total += share * value
     cell_row = min(int(v) // CELL_PX, pixels.light.shape[0] - 1)
     cell_column = min(int(u) // CELL_PX, pixels.light.shape[1] - 1)
-    return float(total / pixels.light[np.uintp(cell_row), np.uintp(cell_column)])
+    r, c = np.uintp(cell_row), np.uintp(cell_column)
+    return float((total - pixels.base[r, c]) / pixels.light[r, c])
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -12,12 +13,16 @@ from touchline.perception.line_graph.colour_classes import (
     CELL_PX,
     CLASSES,
     FIRST_WHITE,
+    FULL,
+    GREEN,
+    WHITE,
     ColourClasses,
     CountArray,
     carpet_light,
     count_classes,
     suppress_fringes,
 )
+from touchline.perception.line_graph.contrast import BLOCK_PX, mean_blocks, white_blocks
 from touchline.perception.line_graph.field_boundary import (
     BoundaryThresholds,
     binarize,
@@ -33,6 +38,10 @@ from touchline.perception.line_graph.skeleton import low_pass, rank_cells, white
 from touchline.types import ImageArray
 
 _MAX_PASSES = 8
+_BESIDE = 1.2  # of a line's width to each side: from one of its edges beyond the other one
+_MAX_REACH = 40  # blocks
+_ABOUT = 5  # cells each way that the carpet's light is averaged over
+_MIN_CARPET = 0.05  # share of these that has to be carpet
 _MIN_WHITE = 0.75  # white pixels after the low-pass that count: less is a stray
 _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learning
 
@@ -40,13 +49,14 @@ _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learni
 class Structure(NamedTuple):
     """What section 3 makes of an image, in cells of 8 x 8 pixels.
 
-    counts: (8, rows, columns) pixels of each class. light: (rows, columns) how bright the carpet is. ends: (columns,)
-    height of the field's boundary. sees_ground: (rows, columns) below the horizon. smooth: (rows, columns) low-passed
-    white. ranks: (rows, columns) of the skeleton.
+    counts: (8, rows, columns) pixels of each class. light, base: (rows, columns) how bright the carpet is, and its
+    signal, as of `Pixels`. ends: (columns,) height of the field's boundary. sees_ground: (rows, columns) below the
+    horizon. smooth: (rows, columns) low-passed white. ranks: (rows, columns) of the skeleton.
     """
 
     counts: CountArray
     light: FloatArray
+    base: FloatArray
     ends: FloatArray
     sees_ground: BoolArray
     smooth: FloatArray
@@ -64,7 +74,7 @@ def find_structure(
     settings: LineGraphSettings,
 ) -> Structure:
     """The structure of an image (H, W, 3). usable: (rows, columns) cells whose colours count."""
-    counts, light = _counted(image, classes, usable)
+    counts, light, base = _counted(image, classes, usable, (plane, line_width_m))
     ends, horizon = _boundary(counts, plane, settings)
     rows, columns = usable.shape
     white, smooth = np.empty((rows, columns)), np.empty((rows, columns))
@@ -75,11 +85,16 @@ def find_structure(
     rank_cells(smooth, ranks, _MIN_WHITE if settings.paper.strays else 0.0)
     graph = line_graph(smooth, ranks)
     sees_ground = np.arange(rows)[:, np.newaxis] >= horizon
-    return Structure(counts, light, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
+    return Structure(counts, light, base, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
 
 
-def _counted(image: ImageArray, classes: ColourClasses, usable: BoolArray) -> tuple[CountArray, FloatArray]:
-    light, washed = np.ones(usable.shape), np.zeros(usable.shape, dtype=np.uint8)
+def _counted(
+    image: ImageArray, classes: ColourClasses, usable: BoolArray, line: tuple[ImagePlane, float]
+) -> tuple[CountArray, FloatArray, FloatArray]:
+    """Counts, light and base; line: where it is looked for, and its width (m)."""
+    light: FloatArray = np.ones(usable.shape)
+    base: FloatArray = np.zeros(usable.shape)
+    washed = np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
         carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
     white_from = np.empty(usable.shape, dtype=np.uint8)
@@ -87,9 +102,32 @@ def _counted(image: ImageArray, classes: ColourClasses, usable: BoolArray) -> tu
     counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
     count_classes(image, classes.tables, white_from, washed, counts)
     suppress_fringes(counts)
+    if classes.least_contrast > 0.0:
+        light, base = _count_by_contrast(image, classes, sides(line[0], image.shape[0] // BLOCK_PX, line[1]), counts)
     if not usable.all():
         counts[:, ~usable] = 0
-    return counts, light
+    return counts, light, base
+
+
+def _count_by_contrast(
+    image: ImageArray, classes: ColourClasses, reach: IntArray, counts: CountArray
+) -> tuple[FloatArray, FloatArray]:
+    """White as what exceeds both its sides, into counts; light and base of the carpet about each cell."""
+    (rows, columns), per_cell, model = counts.shape[1:], CELL_PX // BLOCK_PX, classes.model
+    blocks = mean_blocks(image)[: per_cell * rows, : per_cell * columns]
+    white = white_blocks(blocks, reach[: len(blocks)], classes.least_contrast)
+    counts[WHITE] = BLOCK_PX**2 * white.reshape(rows, per_cell, columns, per_cell).sum(axis=(1, 3))
+    counts[GREEN] = np.minimum(counts[GREEN], FULL - counts[WHITE])
+    both = cv2.transform(blocks, np.vstack((np.ones(3), model.signal)).astype(np.float32))
+    both = np.dstack((np.ones(white.shape, dtype=np.float32), both)) * ~white[..., np.newaxis]
+    carpet = (
+        cv2.resize(both, (columns, rows), interpolation=cv2.INTER_AREA) * (counts[GREEN] > FULL // 4)[..., np.newaxis]
+    )
+    share, bright, signal = cv2.split(cv2.blur(carpet, (_ABOUT, _ABOUT)).astype(np.float64))
+    known, share = share > _MIN_CARPET, np.maximum(share, _MIN_CARPET)
+    light = np.where(known, bright / share / model.green.sum(), 1.0)
+    base = np.where(known, signal / share - model.signal @ model.green, 0.0)
+    return np.clip(light, _DARKEST, _BRIGHTEST), base
 
 
 @njit(cache=True)
@@ -131,3 +169,20 @@ def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> IntArray:
         if per_px > 0.0:
             passes[row] = min(max(1, int(line_width_m / per_px / CELL_PX + 0.5)), _MAX_PASSES)
     return passes
+
+
+@njit(cache=True, error_model="numpy")
+def sides(plane: ImagePlane, rows: int, width_m: float) -> IntArray:
+    """(rows, 2) how far, in blocks across and along the image, to the sides of a line of this width in each row of
+    blocks; 0 above the horizon.
+    """
+    reach, u = np.zeros((rows, 2), dtype=np.int64), 0.5 * plane.size[0]
+    for row in range(rows):
+        v = BLOCK_PX * (row + 0.5) - 0.5
+        x, y = ground_from_pixel(plane, u, v)
+        for way in range(2):
+            ax, ay = ground_from_pixel(plane, u + (way == 0), v + (way == 1))
+            blocks = _BESIDE * width_m / math.hypot(ax - x, ay - y) / BLOCK_PX + 0.5
+            if blocks > 0.0:
+                reach[row, way] = min(math.ceil(blocks), _MAX_REACH)
+    return reach
