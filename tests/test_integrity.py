@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from touchline.experiments.catalogue import MIRROR, driven_by
 from touchline.experiments.clutter import all_of, bars, nets, robots, shown, standing
 from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
@@ -91,6 +92,13 @@ def test_nothing_is_said_while_all_is_well() -> None:
     assert tracked[10:].mean() > 0.95
     assert (track.distances_m <= bounds)[tracked].all()
     assert np.median(bounds[tracked]) < 0.1
+
+
+def test_a_mirror_that_seems_to_differ_as_an_exact_one_does_is_that_of_its_camera_yaml() -> None:
+    """Its centre seems to lie four of the stated standard deviations aside: a fifth of a pixel."""
+    estimates = estimates_of(driven_by(MIRROR, 5, 5205, 30.0))
+    assert 0.3 < max(estimate.statistics["camera"] for estimate in estimates) < 1.0
+    assert not any("camera.yaml" in text for estimate in estimates for text in estimate.problems)
 
 
 def test_two_slips_within_a_second_are_no_alarm() -> None:

@@ -323,8 +323,11 @@ class Integrity:
         self._since_jump = 0 if off_m > JUMP_M and bank.trust.free_fit else self._since_jump + 1
         variances = best.filter.initial.errors.diagonal().tolist()
         self._is_askew = not self.relation.all_round and max(variances[:2], default=0.0) > ASKEW_RAD**2
-        errors = zip(best.filter.errors.tolist(), variances, strict=True)  # plain floats: NumPy takes longer for five
-        self._error_z = max([abs(error) / math.sqrt(max(of, 1e-12)) for error, of in errors], default=0.0)
+        # plain floats: NumPy takes longer for five
+        errors = zip(best.filter.errors.tolist(), variances, bank.statistics.errors.seeming, strict=True)
+        self._error_z = max(
+            [abs(error) / math.sqrt(max(of + more**2, 1e-12)) for error, of, more in errors], default=0.0
+        )
         (x, y, _), (reach_x, reach_y) = best.filter.pose, self._reach_m
         self._outside_m = max(max(abs(x) - reach_x, abs(y) - reach_y) + OUTSIDE_M, 0.0)
         self._take_repetition(stamp_ns, image, last, history)
