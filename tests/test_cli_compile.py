@@ -64,6 +64,7 @@ def test_a_first_start_says_once_what_it_waits_for() -> None:
         twice(1.5)
     assert len(said) == 1
     assert "touchline compile" in said[0]
+    assert not any("@cfunc." in code for code in twice.inspect_llvm().values())  # a wrapper that nobody calls
     with announce_compiling(said.append):
         twice(2)
     assert len(said) == 1

@@ -18,10 +18,14 @@ from touchline.localization.camera_errors.base import ALL_ROUND, SECTOR
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.line_likeness import (
     CELL_M,
+    CROWDED,
     MAX_POINTS,
     PER_CELL,
+    PER_RING,
+    RAYS,
     Counted,
     _thinned,
+    _uncrowded,
     count_points,
 )
 from touchline.localization.registration.seen import POINT_SHARE, evenly_counted, seen_of
@@ -89,6 +93,18 @@ def test_crowded_cells_are_thinned_to_their_means() -> None:
     order, wanted = np.lexsort(found.T), np.lexsort(np.array(expected).T)
     assert found[order] == pytest.approx(np.array(expected)[wanted])
     assert weights[order] == pytest.approx(np.array(expected_weights)[wanted])
+
+
+@pytest.mark.parametrize("count", [1, 3, 40, 400])
+def test_a_crowded_cell_counts_as_several_times_the_usual_one(count: int) -> None:
+    points = np.concatenate((RNG.normal(0.0, 3.0, (count, 2)), RNG.normal((2.0, 1.0), 0.02, (count, 2))))
+    rays = (np.arctan2(points[:, 1], points[:, 0]) * (RAYS / (2.0 * math.pi)) + 0.5) % RAYS
+    rings = 0.5 * np.log((points**2).sum(axis=1)) / PER_RING
+    cells = np.floor(np.column_stack((rays, rings)))
+    _, of_point, numbers = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    most = CROWDED * np.sort(numbers)[len(numbers) // 4]
+    expected = 0.5 * np.minimum(most / numbers[of_point.ravel()], 1.0)
+    assert np.array_equal(_uncrowded(points, np.full(2 * count, 0.5)), expected)
 
 
 @pytest.mark.parametrize("count", [900, 2000, 5000])

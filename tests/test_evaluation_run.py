@@ -269,6 +269,12 @@ def test_summary_counts_and_rates(tmp_path: Path) -> None:
     assert summary["latency_ms"]["total"]["p99"] == pytest.approx(1.5, rel=0.01)
 
 
+def test_a_run_without_pictures_keeps_no_image(tmp_path: Path) -> None:
+    with RunFolder(tmp_path) as writer:
+        tally = run_frames(FakeSource(3), FakeSystem(np.random.default_rng(0)), writer, pictures=False)
+    assert (tally.ended, tally.frames, tally.pictures) == ("complete", 3, None)
+
+
 def test_pictures_are_a_handful_and_hold_the_worst_fitting_frame(tmp_path: Path) -> None:
     tally = run_into(tmp_path / "run", FakeSource(200))
     assert tally.pictures is not None

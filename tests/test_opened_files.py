@@ -215,6 +215,9 @@ def test_headers_of_other_writers_are_read_as_well() -> None:
     thumbnail = b"\xff\xe1" + struct.pack(">H", 13) + b"\xff\xc0\0\x0b\x08\0\x09\0\x09\0\0"
     jpeg = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
     assert image_size(jpeg[:2] + thumbnail + b"\xff" + jpeg[2:]) == (640, 480)
+    progressive = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    assert image_size(progressive) == (640, 480)
+    assert image_size(jpeg[: jpeg.index(b"\xff\xda")].replace(b"\xff\xc0", b"\xff\xc4")) is None
 
 
 def test_images_that_claim_to_be_huge_are_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

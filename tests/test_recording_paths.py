@@ -84,6 +84,12 @@ def test_links_and_dots_that_stay_inside_are_no_matter(folder: Path) -> None:
         assert [frame.problem for frame in open_source(path) if frame.problem is not None] == []
 
 
+def test_a_link_among_images_that_lie_inside_is_told(folder: Path) -> None:
+    put_elsewhere(folder, "images/000007.jpg")
+    problems = [frame.problem or "" for frame in open_source(folder)]
+    assert [ELSEWHERE in problem for problem in problems] == [k == 7 for k in range(12)]
+
+
 def test_what_a_calibration_reads_beside_it_stays_inside_too(folder: Path) -> None:
     (folder / "marks.csv").write_text("file,name,u,v,x_m,y_m\n")
     put_elsewhere(folder, "marks.csv")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +16,7 @@ import pytest
 
 import touchline
 from touchline.cli import main
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.workers import open_workers
 from touchline.season import Command, find_recordings, is_season, localize_all
 from touchline.season.recordings import folder_names
@@ -65,6 +67,14 @@ def test_each_has_a_folder_and_a_row_and_one_failure_is_not_the_end(
         assert float(rows[name]["position_mean_m"]) == pytest.approx(alone.errors.position.mean)
         assert int(rows[name]["images"]) == len(alone.estimates)
         assert not (tmp_path / "out" / name / "report.html").exists()
+
+
+def test_no_picture_is_drawn_for_a_report_that_is_not_written(
+    season: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("touchline.view.run_pictures.thumbnail", None)
+    run_many(season, tmp_path / "out")
+    assert [row["run"] for row in rows_of(tmp_path / "out").values() if row["failure"]] == ["broken"]
 
 
 def test_what_was_cut_off_goes_on(season: Path, tmp_path: Path) -> None:
@@ -174,3 +184,49 @@ def test_estimates_that_cannot_be_written_are_one_recordings_failure(
 def test_workers_need_no_pyarrow() -> None:
     code = "import sys, touchline.season.runs; sys.exit('pyarrow' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def end_itself(task: int) -> int:
+    if task == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return task
+
+
+def test_a_task_that_ends_its_worker_is_not_the_end_of_the_others() -> None:
+    with open_workers(2) as workers:
+        found = list(workers.unordered(end_itself, range(12), lambda task: -task))
+        assert sorted(found) == sorted(-k if k == 2 else k for k in range(12))
+        with pytest.raises(TouchlineError, match="a worker was ended from outside"):
+            list(workers.map(end_itself, range(4)))
+
+
+def test_workers_end_with_who_started_them(tmp_path: Path) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(
+        "import os, signal\nfrom touchline.evaluation.workers import open_workers\n"
+        "if __name__ == '__main__':\n    with open_workers(2) as workers:\n"
+        "        print(list(workers.map(abs, [-7])), flush=True)\n        os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    # its output ends when the last process that has it ends
+    said = subprocess.run([sys.executable, str(script)], stdout=subprocess.PIPE, timeout=60, check=False)
+    assert (said.returncode, said.stdout) == (-signal.SIGKILL, b"[7]\n")
+
+
+def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path: Path) -> None:
+    (tmp_path / "loops.py").write_text(
+        "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"
+    )
+    code = (
+        "import numba, loops\nfrom touchline.season.loaded_loops import load_loops_lean\n"
+        "load_loops_lean()\nprint(loops.twice(1.0), sum(loops.twice.stats.cache_hits.values()))\n"
+        "kept = next(iter(loops.twice.overloads.values())).library._shared_module\n"
+        "print(kept is None, numba.njit(lambda x: 1.0 + loops.twice(x))(3.0))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    assert said == [["2.0", "0", "False", "7.0"], ["2.0", "1", "True", "7.0"]]

@@ -202,6 +202,13 @@ def test_the_camera_file_beside_the_recording_is_opened(tmp_path: Path, small_da
     assert source.camera.width == 480
 
 
+def test_the_camera_file_is_read_once(tmp_path: Path, small_data: Path) -> None:
+    shutil.copytree(small_data / "omni_msl_track", tmp_path / "track")
+    source = open_source(tmp_path / "track")
+    (tmp_path / "track" / "camera.yaml").unlink()
+    assert source.camera.width == 480
+
+
 def test_what_sequence_says_is_handed_on(tmp_path: Path) -> None:
     events = [{"t": 0.3, "kind": "slip"}]
     source = open_source(write_recording(tmp_path / "r", events=events, wheels={"a_dir_rad": 0.5, "b_dir_rad": -0.5}))

@@ -289,6 +289,14 @@ def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, small_data: Path,
     assert "is a damaged JPEG file" in (list(open_source(folder))[3].problem or "")
 
 
+def test_damage_is_seen_behind_a_padded_header(folder: Path) -> None:
+    data = (folder / IMAGE).read_bytes()
+    (folder / IMAGE).write_bytes(data[:2] + b"\xff\xff" + data[2:])
+    assert all(frame.image is not None for frame in open_source(folder))
+    (folder / IMAGE).write_bytes(data[:2] + b"\xff\xff" + data[2:-2])
+    assert "is a JPEG file that ends early" in (list(open_source(folder))[3].problem or "")
+
+
 def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
     """The thumbnail in the header ends like an image, and a camera may write what it likes behind the image."""
     data = (folder / IMAGE).read_bytes()

@@ -39,7 +39,6 @@ from touchline.systems import (
 from touchline.systems.nimbro_lines import CAMERA_HEIGHT_M
 from touchline.types import Prior, Status
 from touchline.view.belief import particles_of
-from touchline.view.run_pictures import thumbnails
 
 _START_MARGIN_M = 3.0  # a robot may well start beside the field
 _NO_IMAGE = (
@@ -124,7 +123,7 @@ class PreparedRun:
                 on_frame=on_frame,
                 stop=stop,
                 particles=lambda: particles_of(self.system),
-                draw=(lambda *_: None) if report is None else thumbnails(self.source),
+                pictures=report is not None,
             )
         try:
             return self._finish(folder, description, tally, report), tally.failure
@@ -296,12 +295,11 @@ def _problems(source: Recording) -> dict[str, Any]:
 def _write_report(finished: Run, source: Recording, tally: RunTally, system: LocalizationSystem) -> None:
     from touchline.evaluation.report import write_report  # Matplotlib takes its time: the first frame need not wait
     from touchline.evaluation.run_data import RunData
-    from touchline.view.run_pictures import run_pictures
+    from touchline.view.run_pictures import run_pictures, thumbnails
 
     truth, trajectory = finished.truth, finished.estimates.trajectory
     errors = None if truth is None else signed_errors(trajectory, truth)
     said = finished.summary["said"]
     data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns(), source.events, said)
-    small = [] if tally.pictures is None else tally.pictures.thumbnails
     pictures = run_pictures(source, tally, system)
-    write_report(finished.folder, finished.summary, data, finished.errors, pictures, small)
+    write_report(finished.folder, finished.summary, data, finished.errors, pictures, thumbnails(source, tally))

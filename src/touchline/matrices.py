@@ -15,14 +15,19 @@ from numba.extending import intrinsic
 def inverse(matrix):  # type: ignore[no-untyped-def]
     """Of a small square matrix, by Gauss and Jordan with pivots; NaN for a singular one."""
     n = len(matrix)
-    left, right = matrix.copy(), np.eye(n)
+    left, right = matrix.copy(), np.zeros((n, n))
+    for k in range(n):
+        right[k, k] = 1.0
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
             if abs(left[i, k]) > abs(left[pivot, k]):
                 pivot = i
         if not abs(left[pivot, k]) > 1e-300:
-            return np.full((n, n), np.nan)
+            for i in range(n):
+                for j in range(n):
+                    right[i, j] = math.nan
+            return right
         if pivot != k:
             for j in range(n):
                 left[k, j], left[pivot, j] = left[pivot, j], left[k, j]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from touchline.cli.console import errors_console, say
+from touchline.cli.console import errors_console, leave_out_c_wrappers, say
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -64,6 +64,7 @@ def _compiled() -> Iterator[set[str]]:
     from numba.core import event
     from rich.status import Status
 
+    leave_out_c_wrappers()
     names: set[str] = set()
     console = errors_console()
     status = Status("", console=console)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
 from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
@@ -30,8 +30,6 @@ _SAID_AGAIN_NS = 1_000_000_000  # later than this a phrase begins a new stretch
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
 """A copy of a system's particles as they are now (N, 4): x, y (m), heading (rad), weight."""
-Thumbnails = Callable[[Frame, Estimate, tuple[float, float] | None], bytes | None]
-"""The JPEG file of a small picture of a frame, its estimate, and roll and pitch (rad) if known; None if it has none."""
 
 
 class Thumbnail(NamedTuple):
@@ -197,18 +195,15 @@ class RunTally:
 class FramePicker:
     """Keeps a handful of frames for the report: evenly spread over the run, and the worst-fitting tracked one.
 
-    thumbnails: small pictures of more of them, drawn at once. spent_s: the time that took.
+    small: more of them without their images and particles, which are read again if a small picture is wanted.
     """
 
-    def __init__(
-        self, expected_frames: int, particles: Particles = lambda: None, draw: Thumbnails = lambda *_: None
-    ) -> None:
-        self._particles, self._draw, self._leaning = particles, draw, LeanFilter()
+    def __init__(self, expected_frames: int, particles: Particles = lambda: None) -> None:
+        self._particles, self._leaning = particles, LeanFilter()
         count = min(_MAX_PICTURES - 1, expected_frames)
         self._wanted = {round((i + 0.5) * expected_frames / count - 0.5) for i in range(count)}
         self._every = max(1, -(-expected_frames // _MAX_THUMBNAILS))
-        self.thumbnails: list[Thumbnail] = []
-        self.spent_s = 0.0
+        self.small: list[KeptFrame] = []
         self._even: list[KeptFrame] = []
         self._worst: KeptFrame | None = None
 
@@ -217,12 +212,9 @@ class FramePicker:
         self._leaning.add(frame)
         if frame.image is None:
             return
-        started_s = time.perf_counter()
-        if index % self._every == 0 and len(self.thumbnails) < _MAX_THUMBNAILS:
-            jpeg = self._draw(frame, estimate, self._leaning.lean(frame.stamp_ns))
-            if jpeg is not None:
-                self.thumbnails.append(Thumbnail(frame.stamp_ns, jpeg))
-        self.spent_s += time.perf_counter() - started_s
+        if index % self._every == 0 and len(self.small) < _MAX_THUMBNAILS:
+            bare, lean = replace(frame, image=None), self._leaning.lean(frame.stamp_ns)
+            self.small.append(KeptFrame(index, "evenly chosen", bare, estimate, lean))
         if index in self._wanted:
             self._even.append(self._keep(index, "evenly chosen", frame, estimate))
         worst = self._worst.estimate.residual_m if self._worst is not None else 0.0
@@ -256,19 +248,18 @@ def run_frames(
     on_frame: Sequence[OnFrame] = (),
     stop: Callable[[], bool] = lambda: False,
     particles: Particles = lambda: None,
-    draw: Thumbnails = lambda *_: None,
+    pictures: bool = True,
 ) -> RunTally:
     """Step the system through all frames and write every estimate.
 
     prior: what the system has been reset with. A frame without image (`frame.problem` says why) goes to the system like
     any other. A frame that comes late by up to a second, or whose stamp jumps without that of the next one, is dropped
     and counted; where a clock was set back, what was written from there on is replaced. `stop` is asked after every
-    frame; if it says so, the run ends as interrupted. `particles` is asked at the frames kept for the report,
-    `draw` for up to a hundred small pictures, whose time is not counted. An exception of the system or the source
-    ends the run as failed and is kept in the tally; what was done until then is in the folder.
+    frame; if it says so, the run ends as interrupted. pictures: whether frames are kept for those of the
+    report; `particles` is asked at them. An exception of the system or the source ends the run as failed and is kept in
+    the tally; what was done until then is in the folder.
     """
-    picker = FramePicker(len(source), particles, draw)
-    tally = RunTally(pictures=picker)
+    tally = RunTally(pictures=FramePicker(len(source), particles) if pictures else None)
     start_s = time.perf_counter()
     try:
         tally.ended = _step_through(source, OrderedSystem(system, prior), folder, tally, on_frame, stop)
@@ -276,7 +267,7 @@ def run_frames(
         tally.ended = "interrupted"
     except Exception as error:
         tally.ended, tally.failure = "failed", error
-    tally.wall_s = time.perf_counter() - start_s - picker.spent_s
+    tally.wall_s = time.perf_counter() - start_s
     return tally
 
 

@@ -3,12 +3,14 @@
 A task holds all that its result depends on, its seed among it, so that no worker needs to know of another.
 """
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import Any, Protocol, TypeVar
 
 from touchline.errors import InputError, TouchlineError
@@ -16,6 +18,7 @@ from touchline.errors import InputError, TouchlineError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 _MAX_WORKERS = 1024
+ENDED = "a worker was ended from outside (is there too little memory?)"
 
 
 class Workers(Protocol):
@@ -25,8 +28,10 @@ class Workers(Protocol):
         """The results in the order of the tasks. function: of a module, not made on the way."""
         ...
 
-    def unordered(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
-        """The results as they come."""
+    def unordered(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], ended: Callable[[Task], Result]
+    ) -> Iterator[Result]:
+        """The results as they come. ended: what stands for that of a task whose process was ended from outside."""
         ...
 
 
@@ -37,29 +42,61 @@ class Here:
         """One after the other."""
         return map(function, tasks)
 
-    unordered = map
+    def unordered(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], ended: Callable[[Task], Result]
+    ) -> Iterator[Result]:
+        """One after the other."""
+        return map(function, tasks)
 
 
 class _Pool:
-    def __init__(self, executor: ProcessPoolExecutor) -> None:
-        self._executor = executor
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._open()
+
+    def _open(self) -> None:
+        self._executor = ProcessPoolExecutor(self._count, mp_context=get_context("spawn"), initializer=_begin_worker)
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=True, cancel_futures=True)
 
     def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
-        with _ended_told():
+        try:
             yield from self._executor.map(function, tasks)
+        except BrokenProcessPool:
+            raise TouchlineError(f"{ENDED}; take fewer") from None
 
-    def unordered(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
-        with _ended_told():
-            for future in as_completed([self._executor.submit(function, task) for task in tasks]):
-                yield future.result()
+    def unordered(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], ended: Callable[[Task], Result]
+    ) -> Iterator[Result]:
+        rounds = [list(tasks)]
+        while rounds:
+            given = rounds.pop()
+            futures = {self._executor.submit(function, task): task for task in given}
+            for future in as_completed(futures):
+                if not isinstance(future.exception(), BrokenProcessPool):
+                    yield future.result()
+            left = [task for future, task in futures.items() if isinstance(future.exception(), BrokenProcessPool)]
+            if left:
+                self._open()
+            if len(given) == 1:
+                yield from map(ended, left)
+            elif left:  # the oldest were at hand, one more than workers: whose fault it was shows if each is alone
+                suspects = self._count + 1
+                rounds += [left[suspects:], *([task] for task in left[:suspects])]
 
 
-@contextmanager
-def _ended_told() -> Iterator[None]:
-    try:
-        yield
-    except BrokenProcessPool:
-        raise TouchlineError("a worker was ended from outside (is there too little memory?); take fewer") from None
+def _begin_worker() -> None:
+    """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 class _Cluster:
@@ -70,7 +107,9 @@ class _Cluster:
         for future in self._client.map(function, tasks, pure=False):
             yield future.result()
 
-    def unordered(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+    def unordered(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], ended: Callable[[Task], Result]
+    ) -> Iterator[Result]:
         from distributed import as_completed as completed_there
 
         futures = self._client.map(function, tasks, pure=False)
@@ -94,13 +133,11 @@ def open_workers(count: int = 1, dask: str | None = None) -> Iterator[Workers]:
     elif count == 1:
         yield Here()
     else:
-        # a Ctrl-C is for the process that hands out the tasks
-        ignored, spawn = (signal.SIGINT, signal.SIG_IGN), get_context("spawn")
-        executor = ProcessPoolExecutor(count, mp_context=spawn, initializer=signal.signal, initargs=ignored)
+        pool = _Pool(count)
         try:
-            yield _Pool(executor)
+            yield pool
         finally:
-            executor.shutdown(wait=True, cancel_futures=True)
+            pool.close()
 
 
 def _client(address: str) -> Any:

@@ -38,20 +38,27 @@ class OwnFolder:
         self.path = path
         self.follow_links = follow_links
         self._root = os.path.realpath(path)
+        self._inside: set[str] = set()  # folders in it: not followed anew for each of their files
 
     def file(self, name: str) -> Path:
         """The path of a file that is named relative to the folder. Raises UnreadableError if it lies elsewhere."""
         path = self.path / name
         if self.follow_links:
             return path
-        try:
-            inside = os.path.commonpath((self._root, os.path.realpath(path))) == self._root
-        except (OSError, ValueError):  # a zero byte in the name, another drive
-            inside = False
-        if not inside:
+        parent, last = os.path.split(name)
+        known = parent in self._inside and last not in ("", ".", "..") and not path.is_symlink()
+        if not known and not self._is_inside(path):
             what = f"leads out of {self.path}, and what lies elsewhere is only read with --follow-links"
             raise UnreadableError(path, what)
+        if not known and self._is_inside(path.parent):
+            self._inside.add(parent)
         return path
+
+    def _is_inside(self, path: Path) -> bool:
+        try:
+            return os.path.commonpath((self._root, os.path.realpath(path))) == self._root
+        except (OSError, ValueError):  # a zero byte in the name, another drive
+            return False
 
 
 def open_bytes(path: Path) -> BinaryIO:

@@ -158,7 +158,9 @@ class LinePointDetector:
         """
         for image in images:
             check_size(image, self.camera)
-        near, around = (self._ring(self.camera.inner_radius_px, share * self.outer_px) for share in (0.65, 0.9))
+        radius_px = self._radius_px
+        beyond = radius_px > self.camera.inner_radius_px
+        near, around = (beyond & (radius_px < share * self.outer_px) for share in (0.65, 0.9))
         noise = pixel_noise(images, near)
         smoothing_px = smoothing_for(noise)
         smooth = [smoothed(image, smoothing_px) for image in images]
@@ -278,10 +280,11 @@ class LinePointDetector:
     def _see_body(self, body: BoolArray) -> None:
         self.body, self._own = body, np.flatnonzero(self.scan_lines.at_samples(body))
 
-    def _ring(self, inner_px: float, outer_px: float) -> BoolArray:
+    @property
+    def _radius_px(self) -> FloatArray:
+        """(H, W) distance of each pixel from the mirror's centre."""
         v, u = np.ogrid[0 : self.camera.height, 0 : self.camera.width]
-        radius = np.hypot(u - self.camera.center[0], v - self.camera.center[1])
-        return (radius > inner_px) & (radius < outer_px)
+        return np.hypot(u - self.camera.center[0], v - self.camera.center[1])
 
     def _paint_width(self, found: FloatArray) -> float:
         """The paint's width (m): the one that is set, or that of the crossings (M, COLUMNS) if those are far wider."""
@@ -311,8 +314,9 @@ class LinePointDetector:
         assert self.colours is not None
         classes = [self.colours.classify(image) for image in images]
         inner = self.camera.inner_radius_px
-        disc = self._ring(-1.0, inner)
-        solid = self._ring(-1.0, 2.2 * inner)
+        radius_px = self._radius_px
+        disc = radius_px < inner
+        solid = radius_px < 2.2 * inner
         white = ~disc
         for each in classes:
             solid &= (each != GREEN) | disc

@@ -288,7 +288,8 @@ def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[n
             if side == 1:
                 beside = means[0]
             else:
-                carpet, _, means[1, 0], means[1, 1], means[1, 2] = _foot(values, classes, peak, 1, limits, span)
+                # side + 1: a literal 1 would be another type to compile for
+                carpet, _, means[1, 0], means[1, 1], means[1, 2] = _foot(values, classes, peak, side + 1, limits, span)
                 beside = means[1]
                 if carpet < 0:
                     return 0.0, False

@@ -18,10 +18,11 @@ from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.estimates import EstimateTable
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import new_folder
-from touchline.evaluation.workers import Workers
+from touchline.evaluation.workers import ENDED, Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 from touchline.messages import unexpected
+from touchline.season.loaded_loops import load_loops_lean
 from touchline.season.recordings import at_hand, fingerprint, folder_names, is_address, keep
 from touchline.season.tables import Row, row_of, write_estimates, write_runs
 from touchline.sources import BagOptions, open_source
@@ -96,7 +97,7 @@ def localize_all(
         rows.pop(name, None)
         tasks.append(Task(recording, f"{output}/{name}" if away else str(folder / name), command))
     targets = {task.recording: task.target for task in tasks}
-    for done, (row, estimates) in enumerate(workers.unordered(localize_one, tasks), start=1):
+    for done, (row, estimates) in enumerate(workers.unordered(localize_one, tasks, _ended), start=1):
         row = {**row, "inputs": prints[row["recording"]]}
         try:
             if estimates is not None:
@@ -128,9 +129,10 @@ def localize_one(task: Task) -> tuple[Row, EstimateTable | None]:
 
     Of its estimates a table is made by who asked: pyarrow takes 45 MB, which not each worker needs.
     """
+    load_loops_lean()
     estimates = None
-    command, name = task.command, task.target.rsplit("/", 1)[-1]
-    row: Row = {"run": name, "recording": task.recording, "failure": ""}
+    command, row = task.command, _row_without(task, "")
+    name = row["run"]
     try:
         with at_hand(task.recording) as path, TemporaryDirectory() as scratch:
             folder = Path(scratch) / name if is_address(task.target) else Path(task.target)
@@ -145,6 +147,15 @@ def localize_one(task: Task) -> tuple[Row, EstimateTable | None]:
     except Exception as error:  # a fault of a system, or of one recording's decoder: a row, and not the end
         row["failure"] = unexpected(error)
     return row, estimates
+
+
+def _ended(task: Task) -> tuple[Row, EstimateTable | None]:
+    """What stands for a recording whose worker was ended while no other recording was at hand."""
+    return _row_without(task, ENDED), None
+
+
+def _row_without(task: Task, failure: str) -> Row:
+    return {"run": task.target.rsplit("/", 1)[-1], "recording": task.recording, "failure": failure}
 
 
 def _localized(path: Path, folder: Path, command: Command) -> tuple[Run, BaseException | None]:

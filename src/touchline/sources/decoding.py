@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.files.images import ImageSize, decode, image_size, read_image_bytes
+from touchline.files.images import ImageSize, decode, image_size, jpeg_header, read_image_bytes
 from touchline.files.opened import OwnFolder, UnreadableError
 from touchline.geometry import ByteArray
 from touchline.sources.problems import ProblemKind
@@ -18,8 +18,9 @@ from touchline.types import ImageArray
 
 _FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _PNG_START, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
-_JPEG_START, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", 0xDA
-# In the coded pixels of a JPEG file 0xFF is followed by 0, a restart marker, 0xFF, or by what starts a new scan.
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+# In the coded pixels of a JPEG file 0xFF is followed by 0, a restart marker, 0xFF, or by what starts a new scan; the
+# first that is not should be the file's end.
 _JPEG_STRAY = re.compile(rb"\xff[^\x00\xc4\xd0-\xd7\xda-\xdd\xff]")
 _SMALL_PX = 4_000_000  # decoded even where another size is expected: they may be damaged rather than too large
 _FILL = 128  # what libjpeg paints where the coded pixels end before the image does
@@ -118,21 +119,10 @@ def _damage(data: bytes) -> str | None:
         return None if _PNG_END in data[-4096:] else "is a PNG file that ends early"
     if not data.startswith(_JPEG_START):
         return None
-    start = _first_scan(data)
+    start = jpeg_header(data).scan
     if start is None:
         return None  # the decoder will tell
-    end = data.find(_JPEG_END, start)
-    if end < 0:
+    stray = _JPEG_STRAY.search(data, start)
+    if stray is None or data.find(_JPEG_END, stray.start()) < 0:
         return "is a JPEG file that ends early"
-    return "is a damaged JPEG file" if _JPEG_STRAY.search(data, start, end) else None
-
-
-def _first_scan(data: bytes) -> int | None:
-    """Where the coded pixels of a JPEG file start: behind the header segments, of which one may hold a thumbnail."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        at += 2 + int.from_bytes(data[at + 2 : at + 4])
-        if marker == _JPEG_SCAN:
-            return at
-    return None
+    return None if data.startswith(_JPEG_END, stray.start()) else "is a damaged JPEG file"

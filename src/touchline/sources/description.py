@@ -23,6 +23,7 @@ _MAX_NAME = 200
 class Description:
     """The checked part of sequence.yaml. image_size: width, height of camera.yaml, where it has them.
 
+    camera_model: what camera.yaml holds, of which whoever needs the camera is told what is wrong.
     rate_hz: None if the file names none. field_source: a field.yaml or the name of a preset.
     """
 
@@ -30,6 +31,7 @@ class Description:
     sequence: Mapping[str, Any]
     camera_kind: str
     camera_file: Path | None
+    camera_model: dict[str, Any] | None
     image_size: tuple[int, int] | None
     field_source: str | Path
     rate_hz: float | None
@@ -55,6 +57,7 @@ def read_description(folder: OwnFolder, log: ProblemLog) -> Description:
         sequence=sequence,
         camera_kind=kind,
         camera_file=None if model is None else camera_file,
+        camera_model=model,
         image_size=None if model is None else _image_size(model),
         field_source=_field_source(folder, path, sequence.get("field")),
         rate_hz=_rate(sequence.get("rate_hz"), log),

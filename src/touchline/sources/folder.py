@@ -92,6 +92,7 @@ class Recording:
         about = read_description(self._own, self._opening)
         self.name, self.sequence, self.events = about.name, about.sequence, about.events
         self.camera_kind, self.camera_file, self.linear = about.camera_kind, about.camera_file, about.linear
+        self._camera_model = about.camera_model
         self.stated_rate_hz, self._field_source = about.rate_hz, about.field_source
         self._observations = self._open_observations()
         self._images = self._open_images()
@@ -189,15 +190,15 @@ class Recording:
     @cached_property
     def camera(self) -> Camera:
         """The camera model; InputError if there is none."""
-        from touchline.camera import open_camera
+        from touchline.camera import camera_from_mapping
 
-        if self.camera_file is None:
+        if self.camera_file is None or self._camera_model is None:
             said = next((problem.message for problem in self._opening if problem.file == CAMERA), None)
             raise InputError(
                 said or f"{self.folder / CAMERA}: is missing; without it pixels have no place on the ground"
             )
         try:
-            return open_camera(self.camera_file)
+            return camera_from_mapping(self._camera_model, self.camera_file)
         except InputError as error:  # of a bag the tables lie in a folder that nobody knows
             raise InputError(str(error).replace(str(self.folder), str(self.path), 1)) from None
 

@@ -8,7 +8,7 @@ import cv2
 
 from touchline.camera import Camera
 from touchline.evaluation.report import Picture
-from touchline.evaluation.runner import KeptFrame, RunTally, Thumbnails, robot_setup
+from touchline.evaluation.runner import KeptFrame, RunTally, Thumbnail, robot_setup
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.messages import counted
@@ -52,13 +52,15 @@ def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: Loc
 _WIDTH_PX, _WIDE_PX, _JPEG_QUALITY = 320, 640, 70
 
 
-def thumbnails(source: Recording) -> Thumbnails:
-    """What draws small pictures of a recording's frames: the image, what was seen, field lines where tracked."""
-
-    def draw(frame: Frame, estimate: Estimate, lean: tuple[float, float] | None) -> bytes | None:
-        return thumbnail(source.camera, source.field, frame, estimate, lean)
-
-    return draw
+def thumbnails(source: Recording, tally: RunTally) -> list[Thumbnail]:
+    """Small pictures throughout a run: the image, what was seen, field lines where tracked."""
+    found = []
+    for kept in [] if tally.pictures is None else tally.pictures.small:
+        frame = replace(kept.frame, image=source.image(kept.index))
+        jpeg = thumbnail(source.camera, source.field, frame, kept.estimate, kept.lean)
+        if jpeg is not None:
+            found.append(Thumbnail(frame.stamp_ns, jpeg))
+    return found
 
 
 def looks(source: Recording, system: str) -> Callable[[Frame, Estimate], tuple[Estimate, bytes | None]]:

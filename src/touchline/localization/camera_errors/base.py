@@ -99,8 +99,9 @@ class CameraErrors:
     by an image that they take (`Filter`). lean: of each image, beside the errors that all share. trust: limits of one
     image's evidence. response: what the errors do to what is seen, at the image of a frame, for the compiled loops.
     floor: standard deviations (m, m, rad) of the pose that no image lowers. misfit: standard deviation of the position
-    by what each error does beyond this model, per unit (m). exact: inverse covariance (K, K) of the errors if
-    camera.yaml is exact, as one without a stated uncertainty may be; None with one.
+    by what each error does beyond this model, per unit (m). seeming (K,): standard deviations of what an exact camera
+    still seems to differ by. exact: inverse covariance (K, K) of the errors if camera.yaml is exact, as one without a
+    stated uncertainty may be; None with one.
     """
 
     names: tuple[str, ...]
@@ -113,6 +114,7 @@ class CameraErrors:
     response: Callable[..., Response]
     floor: tuple[float, float, float]
     misfit: tuple[float, ...]
+    seeming: tuple[float, ...]
     exact: FloatArray | None = None
 
 

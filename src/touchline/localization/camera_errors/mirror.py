@@ -67,11 +67,12 @@ class MirrorTerms(NamedTuple):
 
 def mirror_errors(camera: Camera | None) -> CameraErrors:
     """Those of a mirror, as far as its camera.yaml is unsure; one without a camera.yaml leans and shakes, too."""
-    uncertainty, exact = UNTOLD, None
+    uncertainty, exact, center_px = UNTOLD, None, 0.0
     if isinstance(camera, OmniCamera):
         uncertainty, center_px = camera.uncertainty, EXACT_CENTER_RATIO * camera.outer_radius_px
-        if camera.stated_uncertainty is None:
-            exact = np.linalg.inv(stated(CameraUncertainty(EXACT_TILT_DEG, center_px, EXACT_RANGE_RATIO)))
+    seeming = stated(CameraUncertainty(EXACT_TILT_DEG, center_px, EXACT_RANGE_RATIO))
+    if isinstance(camera, OmniCamera) and camera.stated_uncertainty is None:
+        exact = np.linalg.inv(seeming)
     prior, response = stated(uncertainty), mirror_response(camera if isinstance(camera, OmniCamera) else None)
     drift = DRIFT_RATIO * np.sqrt(np.diag(prior))
     misfit = (MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0)
@@ -80,7 +81,8 @@ def mirror_errors(camera: Camera | None) -> CameraErrors:
         """The same for every image: a mirror does not turn."""
         return response
 
-    return CameraErrors(NAMES, HEIGHT_M, prior, drift, LEARNED, LEAN, ALL_ROUND, at, (0.0, 0.0, 0.0), misfit, exact)
+    floor, least = (0.0, 0.0, 0.0), tuple(np.sqrt(np.diag(seeming)).tolist())
+    return CameraErrors(NAMES, HEIGHT_M, prior, drift, LEARNED, LEAN, ALL_ROUND, at, floor, misfit, least, exact)
 
 
 def stated(uncertainty: CameraUncertainty) -> FloatArray:

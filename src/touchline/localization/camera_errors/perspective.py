@@ -95,7 +95,9 @@ def perspective_errors(camera: Camera | None, height_m: float | None = None) -> 
         axis = np.ascontiguousarray(pose.rotation[:, 0])
         return PerspectiveResponse(np.ascontiguousarray(pose.translation_m), axis, fisheye)
 
-    return CameraErrors(NAMES, height_m, prior, DRIFT, LEARNED, lean, SECTOR, at, FLOOR, (0.0, 0.0, 0.0, 0.0))
+    return CameraErrors(
+        NAMES, height_m, prior, DRIFT, LEARNED, lean, SECTOR, at, FLOOR, (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+    )
 
 
 def _pose(camera: Camera, frame: Frame) -> Pose3 | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
-from touchline.matrices import add_to, applied, inverse, plus, symmetrise, times
+from touchline.matrices import add_to, applied, dot, inverse, plus, symmetrise, times
 from touchline.motion.driven import linearise
 
 _EXACT = 1e-14  # variance of what is known exactly
@@ -71,17 +71,26 @@ def propagate(joint, by_state, noise, drift):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def expected_information(joint, measured, per_image):  # type: ignore[no-untyped-def]
     """Inverse covariance (S, S) of what an image will show."""
-    return inverse(measured_covariance(joint, measured, per_image) + _EXACT * np.eye(len(measured)))
+    shown = measured_covariance(joint, measured, per_image)
+    for a in range(len(measured)):
+        shown[a, a] += _EXACT
+    return inverse(shown)
 
 
 @njit(cache=True)
 def pose_innovation(joint, measured, per_image, information, gradient, residual):  # type: ignore[no-untyped-def]
     """How far the pose by an image alone lies from the prediction (3,), and its squared Mahalanobis distance."""
-    spread = inverse(information[:3, :3] + ANYWHERE_INFORMATION)  # of the pose by the image
+    shown = np.empty((3, 3))
+    for a in range(3):
+        for b in range(3):
+            shown[a, b] = information[a, b] + ANYWHERE_INFORMATION[a, b]
+    spread = inverse(shown)  # of the pose by the image
     by_state = times(spread, information[:3])  # of that pose by pose and errors
-    off = applied(spread, gradient[:3]) + applied(by_state, residual)
-    spread += times(times(by_state, measured_covariance(joint, measured, per_image)), by_state.T)
-    return off, (off * applied(inverse(spread), off)).sum()
+    off, more = applied(spread, gradient[:3]), applied(by_state, residual)
+    for a in range(3):
+        off[a] += more[a]
+    add_to(spread, times(times(by_state, measured_covariance(joint, measured, per_image)), by_state.T), 1.0)
+    return off, dot(off, applied(inverse(spread), off))
 
 
 @njit(cache=True)
@@ -92,7 +101,10 @@ def correction(joint, measured, per_image, information, gradient, residual, lear
         for k in range(len(joint)):
             crossed[k, a] = joint[k, measured[a]]
     damping = times(information, spread)
-    gain = times(crossed, inverse(plus(damping, np.eye(len(measured)), 1.0)))
+    damped = damping.copy()
+    for a in range(len(measured)):
+        damped[a, a] += 1.0
+    gain = times(crossed, inverse(damped))
     for k in range(len(joint)):
         for a in range(len(measured)):
             gain[k, a] *= learned[k]
@@ -114,13 +126,16 @@ def degrees_of_freedom_and_lean(per_image, expected, information, strain):  # ty
     expected (S, S): `expected_information`; strain (S,): from what was expected to the fit. The lean, the first two of
     the errors, is what this image's differ by from the camera's, and how unsure that still is.
     """
-    after, square = inverse(expected + information), 0.0
+    after, square, freedom = inverse(plus(expected, information, 1.0)), 0.0, 0.0
     by_all = times(per_image[:2], expected[3:])  # of the image's lean by what it differs by from what was expected
     lean, unsure = applied(by_all, strain), times(by_all, after)
     for a in range(2):
-        left = per_image[a, a] + (unsure[a] * by_all[a]).sum() - (per_image[a] * by_all[a, 3:]).sum()
+        left = per_image[a, a] + dot(unsure[a], by_all[a]) - dot(per_image[a], by_all[a, 3:])
         square += 0.5 * (lean[a] * lean[a] + left)
-    return (information * after).sum(), square
+    for a in range(len(after)):
+        for b in range(len(after)):
+            freedom += information[a, b] * after[a, b]
+    return freedom, square
 
 
 @njit(cache=True)
@@ -131,8 +146,15 @@ def step_squares(joint, measured, per_image, information, gradient, residual, no
     """
     spread = measured_covariance(joint, measured, per_image)
     expected = inverse(spread)
-    after = inverse(expected + information)
-    step = applied(after, gradient + applied(information, residual))
+    after, pull, squares = inverse(plus(expected, information, 1.0)), applied(information, residual), np.empty(3)
+    for a in range(len(pull)):
+        pull[a] += gradient[a]
+    step, more = applied(after, pull), np.empty((len(after), len(after)))
+    for a in range(len(after)):
+        for b in range(len(after)):
+            more[a, b] = step[a] * step[b] + after[a, b] - spread[a, b]
     by_all = times(expected[:, :3], noise)  # of the motion's error by what the image differs by
-    squares = times(times(by_all.T, np.outer(step, step) + after - spread), by_all)
-    return np.diag(noise) + np.diag(squares)
+    grown = times(times(by_all.T, more), by_all)
+    for a in range(3):
+        squares[a] = noise[a, a] + grown[a, a]
+    return squares

@@ -209,25 +209,45 @@ def _uncrowded(points, weights):  # type: ignore[no-untyped-def]
         polar[i, 0] = (math.atan2(y, x) * (RAYS / (2.0 * math.pi)) + 0.5) % RAYS
         polar[i, 1] = 0.5 * math.log(max(x * x + y * y, 1e-6)) / PER_RING
     cells, slots = cells_of(polar, 1.0)
-    counts = cells[cells[:, 2] > 0, 2]
-    most = CROWDED * np.sort(counts)[counts.shape[0] // 4]
-    return weights * np.minimum(most / cells[slots, 2], 1.0)
+    cells_with, below, usual = np.zeros(points.shape[0] + 1, dtype=np.int64), 0, 0  # so many points
+    for k in range(cells.shape[0]):
+        cells_with[cells[k, 2]] += 1
+    while below <= (cells.shape[0] - cells_with[0]) // 4:
+        usual += 1
+        below += cells_with[usual]
+    even = np.empty_like(weights)
+    for i in range(points.shape[0]):
+        even[i] = weights[i] * min(CROWDED * usual / cells[slots[i], 2], 1.0)
+    return even
 
 
 @numba.njit(cache=True, error_model="numpy")
 def count_points(points, covariances, weights):  # type: ignore[no-untyped-def]
     """What counts (`Counted`) of points (N, 2), robot frame, with covariances (N, 2, 2) and weights (N,)."""
-    total = max(weights.sum(), 1e-9)
+    total = whole = left = crowd = 0.0  # sums by hand: array expressions take a second to compile
     if points.shape[0] == 0:
         return Counted(points.copy(), covariances.copy(), weights.copy(), 1.0, False)
     thin, spreads, counts = _thinned(points, covariances, weights)
     density, likeness, radial = _judged(thin, spreads, counts)
-    counts *= density
-    line_ratio = (counts * likeness).sum() / max(counts.sum(), 1e-9)
-    counts *= likeness
-    if counts.sum() > (DENSE if line_ratio > PURE else CLEAN) * total:
+    for i in range(weights.shape[0]):
+        total += weights[i]
+    for i in range(counts.shape[0]):
+        counts[i] *= density[i]
+        whole += counts[i]
+        counts[i] *= likeness[i]
+        left += counts[i]
+    line_ratio = left / max(whole, 1e-9)
+    if left > (DENSE if line_ratio > PURE else CLEAN) * max(total, 1e-9):
         return Counted(points.copy(), covariances.copy(), _uncrowded(points, weights), 1.0, False)
-    counts = np.where(radial, RADIAL * counts, counts)
-    counts *= min(MAX_POINTS / max(counts.sum(), 1e-9), 1.0)
-    kept = counts > 0.0
-    return Counted(thin[kept], spreads[kept], counts[kept], line_ratio, True)
+    for i in range(counts.shape[0]):
+        counts[i] *= RADIAL if radial[i] else 1.0
+        crowd += counts[i]
+    scale, kept = min(MAX_POINTS / max(crowd, 1e-9), 1.0), 0
+    for i in range(counts.shape[0]):
+        counts[kept] = counts[i] * scale
+        for a in range(2):
+            thin[kept, a] = thin[i, a]
+            for b in range(2):
+                spreads[kept, a, b] = spreads[i, a, b]
+        kept += counts[kept] > 0.0
+    return Counted(thin[:kept], spreads[:kept], counts[:kept], line_ratio, True)

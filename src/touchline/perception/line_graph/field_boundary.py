@@ -132,7 +132,7 @@ def cut_to_edges(lens: Lens, counts: CountArray, ends: FloatArray) -> None:
     points, carpet = np.empty((columns, 2)), np.empty(columns)
     state = np.empty(columns, dtype=np.int64)
     for i in range(columns):
-        points[i] = _end_in_plane(lens, rows, i, ends[i])
+        points[i, 0], points[i, 1] = _end_in_plane(lens, rows, i, ends[i])  # a whole row takes a second to compile
         carpet[i] = _end_in_plane(lens, rows, i, _carpet_end(counts, i, ends[i]))[1]
         known = 0.0 < ends[i] < rows - 0.5 and not np.isnan(points[i, 0] + points[i, 1])
         state[i] = _FREE if known else _BEYOND
