@@ -16,6 +16,7 @@ from touchline.calibration.perspective_bundle import (
     HEIGHT,
     PITCH,
     ROLL,
+    Learned,
     PerspectiveFit,
     PerspectiveView,
     camera_at,
@@ -122,14 +123,14 @@ def test_lines_drawn_along_their_edges_and_aside_are_held_by_the_uncertainty(see
     drawn = replace(FIELD, segments=segments, circles=np.add(FIELD.circles, (0.0, 0.0, half)))
     views = [PerspectiveView(one.points.pixels, pose) for one, pose in zip(seen, POSES, strict=True)]
     plain, aside = (fit_perspective(views, TRUE, each, "pinhole", SIZE, True) for each in (FIELD, drawn))
-    assert aside.paint_m > 2.0 * plain.paint_m
+    assert aside.learned.paint_m > 2.0 * plain.learned.paint_m
     assert aside.covariance[HEIGHT, HEIGHT] > 1.1 * plain.covariance[HEIGHT, HEIGHT]
     assert np.abs(z_scores(aside.state, aside.covariance)).max() < 3.0
 
 
 def fit_of(state: FloatArray, poses: Sequence[Pose], on_lines: Sequence[float]) -> PerspectiveFit:
     placed = np.array([pose.as_array() for pose in poses])
-    return PerspectiveFit(state, 1e-6 * np.eye(10), placed, np.array(on_lines), 0.01, 0.006, 0.3, 0.005)
+    return PerspectiveFit(state, 1e-6 * np.eye(10), placed, np.array(on_lines), 0.01, Learned(0.006, 0.3, 0.005))
 
 
 def test_a_focal_length_far_from_all_that_were_searched_is_no_fit(

@@ -54,7 +54,7 @@ class PerspectiveView(NamedTuple):
     pose: Pose
 
 
-class _Learned(NamedTuple):
+class Learned(NamedTuple):
     """Standard deviations that are learned: of an image's own roll and pitch, of points, of lines beside the file's."""
 
     lean_rad: float
@@ -62,13 +62,12 @@ class _Learned(NamedTuple):
     paint_m: float
 
 
-_AT_FIRST, _AT_LEAST = _Learned(0.006, 0.5, 0.01), _Learned(0.001, 0.1, 0.001)
+_AT_FIRST, _AT_LEAST = Learned(0.006, 0.5, 0.01), Learned(0.001, 0.1, 0.001)
 
 
 class PerspectiveFit(NamedTuple):
     """state (10,): NAMES, focal length and height as logarithms. covariance (10, 10). poses (V, 3). on_lines (V,):
-    share of each view's points that lie on lines. cost: mean robust squared residual, 0 to 1. Standard deviations that
-    were learned: lean_rad of an image's own roll and pitch, noise_px of points, paint_m of lines beside the file's.
+    share of each view's points that lie on lines. cost: mean robust squared residual, 0 to 1.
     """
 
     state: FloatArray
@@ -76,9 +75,7 @@ class PerspectiveFit(NamedTuple):
     poses: FloatArray
     on_lines: FloatArray
     cost: float
-    lean_rad: float
-    noise_px: float
-    paint_m: float
+    learned: Learned
 
 
 def camera_at(
@@ -148,13 +145,13 @@ class _Bundle:
         self._known[[CENTER_U, CENTER_V]] = (_CENTER_RATIO * size[0]) ** -2.0
         self._known[self.paint[-1]] = (0.5 * field.line_width) ** -2.0
 
-    def known(self, learned: _Learned) -> FloatArray:
+    def known(self, learned: Learned) -> FloatArray:
         """Information (P,) on the state's entries before anything is seen."""
         known = self._known.copy()
         known[self.own[:, 3:]], known[self.paint[:-1]] = learned.lean_rad**-2.0, learned.paint_m**-2.0
         return known
 
-    def linearise(self, state: FloatArray, learned: _Learned, width_m: float) -> _Linearised:
+    def linearise(self, state: FloatArray, learned: Learned, width_m: float) -> _Linearised:
         """What a step is taken from, and judged by."""
         seen = self.look(state, learned, width_m)
         medians = np.array([np.median(one.off) for one in seen])
@@ -163,30 +160,30 @@ class _Bundle:
         blocks = [prior, *self._blocks(seen, doubts, state)]
         return _Linearised(seen, doubts, blocks, self.cost(seen, doubts, state, learned))
 
-    def cost(self, seen: Sequence[_Seen], doubts: FloatArray, state: FloatArray, learned: _Learned) -> float:
+    def cost(self, seen: Sequence[_Seen], doubts: FloatArray, state: FloatArray, learned: Learned) -> float:
         """Twice the negative log-likelihood of all points and of a state (P,)."""
         points = sum(one.cost / doubt for one, doubt in zip(seen, doubts, strict=True))
         return float(points + self.known(learned) @ (state - self.mean) ** 2)
 
-    def learn(self, state: FloatArray, learned: _Learned, at: _Linearised) -> _Learned:
+    def learn(self, state: FloatArray, learned: Learned, at: _Linearised) -> Learned:
         """The deviations that make what is seen, and what the entries that are drawn alike came to, most probable."""
         squares = np.concatenate([one.squares for one in at.seen])
         if not len(squares):
             raise NoFitError("no line point lies on the ground")
         equations = NormalEquations(at.blocks)
-        found = _Learned(
+        found = Learned(
             _spread(equations, self.own[:, 3:].ravel(), state),
             learned.noise_px * math.sqrt(float(np.median(squares)) / _MEDIAN),
             _spread(equations, self.paint[:-1], state),
         )
-        return _Learned(*np.maximum(found, _AT_LEAST).tolist())
+        return Learned(*np.maximum(found, _AT_LEAST).tolist())
 
     def ground(self, pixels: FloatArray, state: FloatArray) -> FloatArray:
         """Ground points (N, 2) of pixels; state (15,): pose, lean, camera."""
         camera = camera_at(self.model, self.size, state[_OWN:], state[3:_OWN])
         return Pose(*state[:3].tolist()).transform(camera.ground_from_image(pixels))
 
-    def look(self, state: FloatArray, learned: _Learned, width_m: float) -> list[_Seen]:
+    def look(self, state: FloatArray, learned: Learned, width_m: float) -> list[_Seen]:
         """All views' points at a state."""
         paint = state[self.paint]
         return [
@@ -265,7 +262,7 @@ def fit_perspective(
         state[bundle.own[:, :3]],
         np.array([np.mean(one.off < 1.0) for one in last.seen]),
         float(np.mean(off / (1.0 + off))),
-        *learned,
+        learned,
     )
 
 

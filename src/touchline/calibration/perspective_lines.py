@@ -100,7 +100,7 @@ class _Fitted(NamedTuple):
     @property
     def cost(self) -> float:
         """0 to 1, and more of one that moves the field's lines."""
-        return self.fit.cost + (self.fit.paint_m > MAX_PAINT_M)
+        return self.fit.cost + (self.fit.learned.paint_m > MAX_PAINT_M)
 
     def right_poses(self) -> dict[int, Pose]:
         """Of the images whose points lie on lines."""
@@ -187,9 +187,9 @@ def _check(found: PerspectiveLines, images: int) -> None:
             f"of {images} images, {100 * MIN_ON_LINES:.0f} % in most images are needed. Is it the right field, "
             "and the right model?"
         )
-    if found.fit.paint_m > MAX_PAINT_M:
+    if (paint_m := found.fit.learned.paint_m) > MAX_PAINT_M:
         raise NoFitError(
-            f"the field's lines would have to lie {100 * found.fit.paint_m:.1f} cm beside where its file has them: "
+            f"the field's lines would have to lie {100 * paint_m:.1f} cm beside where its file has them: "
             "measure its sizes, or add images from other places"
         )
     open_ones = [NAMES[k] for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]

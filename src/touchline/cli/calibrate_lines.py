@@ -129,8 +129,8 @@ def _lens_words(found: PerspectiveLines, field: FieldModel) -> str:
         f"(± {sure[DISTORTION]:.3f}).\n"
         f"Roll {math.degrees(roll):.2f}° (± {math.degrees(sure[ROLL]):.2f}), pitch {math.degrees(pitch):.2f}° "
         f"(± {math.degrees(sure[PITCH]):.2f}), height {height_m:.3f} m (± {height_m * sure[HEIGHT]:.3f}); the body "
-        f"leant by {math.degrees(found.fit.lean_rad):.2f}° from image to image besides. Lines lie "
-        f"{1000 * found.fit.paint_m:.0f} mm beside where the field's file has them.\n"
+        f"leant by {math.degrees(found.fit.learned.lean_rad):.2f}° from image to image besides. Lines lie "
+        f"{1000 * found.fit.learned.paint_m:.0f} mm beside where the field's file has them.\n"
         "The origin is the point below the camera, x the way it looks: correct base_from_camera if it sits elsewhere."
     )
 
