@@ -8,7 +8,7 @@ import numpy as np
 
 from touchline.calibration.bundle import SINGULAR
 from touchline.calibration.lines.equations import BEND_X, SHAPE, WIDTHS, Lines, Seen
-from touchline.calibration.lines.joint import HELD, fit_in_steps, linearise
+from touchline.calibration.lines.joint import HELD, STRAIGHT_M, fit_in_steps, linearise
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.range_curve import CurveFit, curve_weights
 from touchline.errors import NoFitError
@@ -189,7 +189,10 @@ def each_alone(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> tuple[Alo
 def _alone(found: CurveFit, k: int, one: Seen, lines: Lines) -> Alone:
     together = found.fit
     held = np.diag(np.where(np.arange(len(together.mirror)) >= BEND_X, HELD, 0.0))
-    expected = found.expected._replace(mean=together.mirror, information=held, wider=None)
+    # a line in the tail of Cauchy's distribution would take up another range
+    expected = found.expected._replace(
+        mean=together.mirror, information=held, wider=None, edge_m=STRAIGHT_M, together=together
+    )
     fit = fit_in_steps([one], together._replace(poses=together.poses[k : k + 1]), expected, lines)
     try:
         certainty = certainty_of(CurveFit(fit, expected, found.curvature), [one], lines)

@@ -36,7 +36,7 @@ class Expected(NamedTuple):
 
     how far it usually lies aside (m), and of all how far they lie towards their outer edges; of a point the square of
     its residual, in standard deviations, where points that err together count as one; and by what factor (N,) standard
-    deviations are larger than usual.
+    deviations are larger than usual. together: a fit that tells how far lines may lie aside, and their edges.
     """
 
     mean: FloatArray
@@ -45,6 +45,7 @@ class Expected(NamedTuple):
     edge_m: float = STRAIGHT_M
     noise: float = 1.0
     wider: FloatArray | None = None
+    together: "JointFit | None" = None
 
 
 class JointFit(NamedTuple):
@@ -163,15 +164,19 @@ def _equations(
 def _priors(state: FloatArray, size: int, images: int, expected: Expected) -> Equations:
     """What is expected of mirror, poses and lines: most lie as the field says, a few far off (Cauchy's prior)."""
     mirror, poses, asides, edge = np.split(np.arange(len(state)), [size, size + 3 * images, len(state) - 1])
-    off, aside = state[mirror] - expected.mean, state[asides]
+    off, aside, edge_m = state[mirror] - expected.mean, state[asides], state[edge]
+    weights, lines_cost = 2.0 / (expected.line_m**2 + aside**2), 2.0 * np.log1p((aside / expected.line_m) ** 2)
+    if (fit := expected.together) is not None:
+        weights = 2.0 / (expected.line_m**2 + fit.aside_m**2)
+        lines_cost, edge_m = weights * aside**2, edge_m - fit.edge_m
     blocks = [
         prior_block(mirror, expected.information, off),
         prior_block(poses, np.full(len(poses), _ANYWHERE), np.zeros(len(poses))),
-        prior_block(asides, 2.0 / (expected.line_m**2 + aside**2), aside),
-        prior_block(edge, np.array([expected.edge_m**-2.0]), state[edge]),
+        prior_block(asides, weights, aside),
+        prior_block(edge, np.array([expected.edge_m**-2.0]), edge_m),
     ]
-    cost = float(off @ expected.information @ off) + 2.0 * float(np.sum(np.log1p((aside / expected.line_m) ** 2)))
-    cost += float(state[-1] / expected.edge_m) ** 2
+    cost = float(off @ expected.information @ off) + float(np.sum(lines_cost))
+    cost += float(edge_m[0] / expected.edge_m) ** 2
     return Equations(blocks, cost)
 
 
