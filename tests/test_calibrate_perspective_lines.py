@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from touchline.calibration import perspective_lines
 from touchline.calibration.perspective_bundle import (
     FOCAL,
     HEIGHT,
     PITCH,
     ROLL,
+    PerspectiveFit,
     PerspectiveView,
     camera_at,
     fit_perspective,
@@ -122,6 +125,47 @@ def test_lines_drawn_along_their_edges_and_aside_are_held_by_the_uncertainty(see
     assert aside.paint_m > 2.0 * plain.paint_m
     assert aside.covariance[HEIGHT, HEIGHT] > 1.1 * plain.covariance[HEIGHT, HEIGHT]
     assert np.abs(z_scores(aside.state, aside.covariance)).max() < 3.0
+
+
+def fit_of(state: FloatArray, poses: Sequence[Pose], on_lines: Sequence[float]) -> PerspectiveFit:
+    placed = np.array([pose.as_array() for pose in poses])
+    return PerspectiveFit(state, 1e-6 * np.eye(10), placed, np.array(on_lines), 0.01, 0.006, 0.3, 0.005)
+
+
+def test_a_focal_length_far_from_all_that_were_searched_is_no_fit(
+    seen: list[Observation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = perspective_lines._Calibration([np.zeros((SIZE[1], SIZE[0], 3), dtype=np.uint8)], FIELD, "pinhole")
+    for focal_px, fits in ((1200.0, True), (4700.0, False)):
+        state = np.where(np.arange(10) == FOCAL, math.log(focal_px), TRUE)
+        monkeypatch.setattr(perspective_lines, "fit_perspective", lambda *_, at=state: fit_of(at, POSES, [1.0] * 6))
+        if fits:
+            assert work.fitted(seen, TRUE, dict(enumerate(POSES))).images == tuple(range(6))
+            continue
+        with pytest.raises(NoFitError, match="no camera that is usual"):
+            work.fitted(seen, TRUE, dict(enumerate(POSES)))
+
+
+def test_all_poses_are_looked_for_again_where_a_closer_look_refutes_some(
+    seen: list[Observation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def fitted(_: object, shown: list[Observation], state: FloatArray, poses: dict[int, Pose]) -> object:
+        asked.append(len(poses))
+        refuted = len(asked) == 1
+        fit = fit_of(state, POSES, [1.0] * 3 + [0.5 if refuted else 1.0] * 3)
+        return perspective_lines._Fitted(fit._replace(cost=0.2 if refuted else 0.01), tuple(range(6)), shown)
+
+    work = perspective_lines._Calibration
+    monkeypatch.setattr(work, "look", lambda *_: seen)
+    monkeypatch.setattr(
+        work, "first", lambda _: perspective_lines._Fitted(fit_of(TRUE, POSES, [1.0] * 6), tuple(range(6)), seen)
+    )
+    monkeypatch.setattr(work, "fitted", fitted)
+    blank = [np.zeros((SIZE[1], SIZE[0], 3), dtype=np.uint8)] * 6
+    assert calibrate_perspective_lines(blank, FIELD, "pinhole").used == tuple(range(6))
+    assert asked == [6, 0]
 
 
 @pytest.mark.parametrize("count", [1, 3])

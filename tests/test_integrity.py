@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from touchline.experiments.catalogue import MIRROR, driven_by
+from touchline.experiments import drives
+from touchline.experiments.catalogue import CATALOGUE, FEATURES, MIRROR, driven_by, laid
 from touchline.experiments.clutter import all_of, bars, nets, robots, shown, standing
 from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
@@ -99,6 +100,15 @@ def test_a_mirror_that_seems_to_differ_as_an_exact_one_does_is_that_of_its_camer
     estimates = estimates_of(driven_by(MIRROR, 5, 5205, 30.0))
     assert 0.3 < max(estimate.statistics["camera"] for estimate in estimates) < 1.0
     assert not any("camera.yaml" in text for estimate in estimates for text in estimate.problems)
+
+
+def test_bars_of_nets_in_the_place_of_lines_are_not_tracked_where_the_pose_jumps_to_them() -> None:
+    """They move as a field would, and some pose explains them; neither gyro nor odometry felt how it came there."""
+    bars = next(kind for kind in CATALOGUE if kind.title == f"{FEATURES}: four bars of nets instead")
+    drive = laid((bars,), 5, 5115).faulty
+    found = frames_of(drive, drives.estimates_of("touchline", drive, 5115))
+    assert found.wrong.sum() < 3
+    assert found.tracking.sum() > 120
 
 
 def test_two_slips_within_a_second_are_no_alarm() -> None:

@@ -131,6 +131,16 @@ def test_where_colours_tell_paint_the_carpet_beside_it_is_not_asked() -> None:
     assert learn_classes([worn_field()], everywhere(), everywhere(), False, SIDES).least_contrast == 0.0
 
 
+@pytest.mark.parametrize("amplitude", [0.03, 0.1])
+def test_bare_turf_teaches_no_paint(amplitude: float) -> None:
+    rng, ground = np.random.default_rng(5), np.ones((480, 752), dtype=np.bool_)
+    turf = cv2.GaussianBlur(rng.normal(0.0, 1.0, ground.shape), (0, 0), 1.0)
+    image = np.multiply.outer(np.exp(amplitude * turf / turf.std()), (50.0, 110.0, 70.0))
+    image += rng.normal(0.0, 4.0, image.shape)
+    seen = [np.clip(image, 0, 255).astype(np.uint8)]
+    assert learn_classes(seen, ground, ground, False, np.full((240, 2), 6)).least_contrast == 0.0
+
+
 def test_a_colour_file_s_classes_are_those_that_were_marked() -> None:
     model = learn_classes([worn_field()], everywhere(), everywhere(), yuv=False).model
     mauve = np.array([[100.0, 75.0, 110.0]])

@@ -22,6 +22,7 @@ from touchline.perception.covered import is_covered
 from touchline.perception.field_boundary import green_ends, inside_green
 from touchline.perception.path_samples import BODY, PathSamples, no_samples, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
+from touchline.perception.self_learning import FirstImages
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
@@ -390,3 +391,13 @@ def test_stages_are_pictures_of_each_step(cross_image: ImageArray) -> None:
         assert picture.dtype == np.uint8
         assert picture.std() > 5
     assert math.isclose(pictures["line points"].shape[0], 960)
+
+
+def test_an_image_whose_green_has_faded_is_not_learned_from_with_the_others() -> None:
+    first, taken, learned = FirstImages(3), np.zeros((4, 1, 1, 3), dtype=np.uint8), list[int]()
+    for k, share in enumerate((0.5, 0.1, 0.5, 0.5)):
+        taken[k] = k
+        first.take(taken[k], lambda images: learned.extend([int(each[0, 0, 0]) for each in images]))
+        assert not first.watch(share)
+    assert learned == [0, 0, 2, 3]
+    assert first.are_learned

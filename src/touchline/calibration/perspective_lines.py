@@ -24,7 +24,7 @@ from touchline.calibration.perspective_bundle import (
     camera_at,
     fit_perspective,
 )
-from touchline.calibration.perspective_search import MIN_LINES, find_cameras, place
+from touchline.calibration.perspective_search import FOCAL_RATIOS, MIN_LINES, find_cameras, place
 from touchline.camera import GroundView, PerspectiveCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -44,6 +44,7 @@ _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per im
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
 _SURE, _FITS = 0.02, 0.1  # cost at which a camera is the right one, and may be if no other fits better
 MAX_PAINT_M = 0.015  # how far (a standard deviation) lines may lie beside the file's: more is a wrong camera, or field
+_BEYOND = 0.5  # of the focal length's logarithm, from what is searched: a fit there has run away
 MIN_USED = 0.6  # share of the images that must take part
 _NOISE_PX, _START_NOISE_PX = 0.7, 5.0  # of a point where a pose is looked for, and with a camera that is off
 _TRIED, _LOOKS = 16, 4  # cameras that are fitted, and how often lines are found again at most
@@ -72,7 +73,10 @@ def calibrate_perspective_lines(images: Sequence[ImageArray], field: FieldModel,
         right = best.right_poses()
         if not right:
             break
-        best = work.fitted(work.look(best.fit.state), best.fit.state, right)
+        state, seen = best.fit.state, work.look(best.fit.state)
+        best = work.fitted(seen, state, right)
+        if len(best.right_poses()) < len(right):  # some of the poses were wrong: all are looked for again
+            best = min(best, work.fitted(seen, state, {}), key=lambda each: each.cost)
         if len(right) == len(best.right_poses()) == len(best.images):
             break
     right = best.right_poses()
@@ -133,6 +137,9 @@ class _Calibration:
         if not views:
             raise NoFitError("no image shows enough of the field's lines")
         fit = fit_perspective(list(views.values()), state, self._field, self._model, self.size, bool(poses))
+        low, high = (math.log(ratio * self.size[0]) for ratio in FOCAL_RATIOS[self._model])
+        if not low - _BEYOND < fit.state[FOCAL] < high + _BEYOND:
+            raise NoFitError("no camera that is usual puts the points on this field's lines")
         return _Fitted(fit, tuple(views), seen)
 
     def first(self) -> _Fitted:

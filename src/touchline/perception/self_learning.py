@@ -1,5 +1,7 @@
 """A detector that learns its colours from the images it is given, and again when the light has changed."""
 
+from collections.abc import Callable, Sequence
+
 from pydantic import Field
 
 from touchline.camera import Camera
@@ -16,25 +18,50 @@ FADED_GREEN = 0.6  # share of the usual green below which the light is believed 
 FADED_FRAMES = 5
 
 
-class GreenWatch:
-    """Tells when much less of what is seen is green than usual, for some images in a row."""
+class FirstImages:
+    """The images that colours are learned from: the first serves at once, all together once they are there; and anew
+    when much less of what is seen is green than usual, for some images in a row.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self.begin()
+
+    def begin(self) -> None:
+        """Learn from the next images."""
+        self._images: list[ImageArray] = []
+        self.are_learned = False  # all of them
         self._usual, self._faded = 0.0, 0
 
-    def is_faded(self, share: float) -> bool:
-        """Whether the green has faded in an image, of which this share is green."""
-        if share < FADED_GREEN * self._usual:
-            self._faded += 1
-            return True
-        self._faded = 0
-        self._usual += 0.1 * (share - self._usual) if self._usual else share
-        return False
+    def take(self, image: ImageArray, learn: Callable[[Sequence[ImageArray]], None]) -> None:
+        """Learn from an image and those before it where it is time: it costs as much as many frames.
 
-    @property
-    def has_faded(self) -> bool:
-        """Whether that has gone on for so long that the light must have changed."""
-        return self._faded >= FADED_FRAMES
+        Raises NoCarpetError as `learn` does: the image is not kept then.
+        """
+        self._images.append(image)
+        if len(self._images) not in (1, self._count):
+            return
+        try:
+            learn(self._images)
+        except NoCarpetError:
+            self._images.pop()
+            raise
+        if len(self._images) == self._count:
+            self.are_learned, self._images = True, []
+
+    def watch(self, share: float) -> bool:
+        """Whether the green has faded for so long that colours are learned anew; share: of an image that is green."""
+        if share >= FADED_GREEN * self._usual:
+            self._faded = 0
+            self._usual += 0.1 * (share - self._usual) if self._usual else share
+            return False
+        self._faded += 1
+        if len(self._images) > 1:
+            self._images.pop()  # broken, or hardly any field in it: not to be learned from with the others
+        if self._faded < FADED_FRAMES:
+            return False
+        self.begin()
+        return True
 
 
 class LearningPaper(Settings):
@@ -79,7 +106,8 @@ class SelfLearningDetector:
         self.settings = learning or LearningSettings()
         file = self.settings.colour_file
         self._kept: ColourModel | None = None if file is None else load_colours(file)
-        self._begin_anew()
+        self._first = FirstImages(self.settings.frames)
+        self._faded_image: ImageArray | None = None
 
     @property
     def learns_colours(self) -> bool:
@@ -89,14 +117,8 @@ class SelfLearningDetector:
     def reset(self) -> None:
         """Forget the colours."""
         self.detector.forget()
-        self._begin_anew()
-
-    def _begin_anew(self) -> None:
-        """Learn from the next images; the old colours serve until then."""
-        self._images: list[ImageArray] = []
-        self._has_learned = False  # from all of them
-        self._green = GreenWatch()
-        self._faded_image: ImageArray | None = None
+        self._first.begin()
+        self._faded_image = None
 
     def observe(self, frame: Frame) -> Observation:
         """Line points of a frame's image, none where no carpet is seen. Raises InputError for one of another size."""
@@ -104,14 +126,14 @@ class SelfLearningDetector:
         if self._faded_image is not None:
             self._learn(self._faded_image)
             self._faded_image = None
-        if not self._has_learned:
+        if not self._first.are_learned:
             problem = self._learn(image)
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
         detector = self.detector
         points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)
-        if self._kept is None and self.settings.paper.again:
-            self._watch_green(image)
+        if self._kept is None and self.settings.paper.again and self._first.watch(detector.green_share):
+            self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave
         return Observation(frame.stamp_ns, points, problem=problem)
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
@@ -120,25 +142,14 @@ class SelfLearningDetector:
 
     def _learn(self, image: ImageArray) -> str | None:
         """Learn from this image and those kept; why nothing could be learned, if so."""
-        self._images.append(image)
-        # the first image serves at once, all together once they are there: learning costs as much as many frames
-        if len(self._images) not in (1, self.settings.frames):
-            return None
         try:
-            if self._kept is not None:
-                self.detector.use_colours(self._kept, self._images)
-            else:
-                self.detector.learn(self._images)
+            self._first.take(image, self._learn_from)
         except NoCarpetError as error:
-            self._images.pop()
             return str(error)
-        if len(self._images) == self.settings.frames:
-            self._has_learned, self._images = True, []
         return None
 
-    def _watch_green(self, image: ImageArray) -> None:
-        if self._green.is_faded(self.detector.green_share) and 1 < len(self._images) < self.settings.frames:
-            self._images.pop()  # broken, or hardly any field in it: not to be learned from with the others
-        if self._green.has_faded:
-            self._begin_anew()
-            self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave
+    def _learn_from(self, images: Sequence[ImageArray]) -> None:
+        if self._kept is not None:
+            self.detector.use_colours(self._kept, images)
+        else:
+            self.detector.learn(images)

@@ -45,7 +45,9 @@ MAX_JUMPS, JUMPS_PER_S = 1.3, 0.05
 GOOD_IMAGES = (
     2  # in a row, in which a pose found in the own half is as good as the right one is (`GOOD`), until it counts
 )
-JUMP_M = 0.25  # of the pose, after which that holds for some images
+JUMP_M, JUMP_RAD = 0.25, 0.1  # of the pose, after which that holds for some images
+# by how much gyro and odometry are apart where a jump has not turned the robot (rad, and of what the pose turned)
+UNFELT_RAD, UNFELT_RATIO = 0.02, 0.3
 FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
 PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much, ten images in the mean
 MIN_SHARE = 0.65  # mean share of what is seen that the pose explains
@@ -159,6 +161,7 @@ class Integrity:
         self._foreign_s, self._good_s, self._before_ns = 0.0, 0.0, 0  # of images that lay on no lines; of good ones
         self._points, self._same_since_ns = b"", 0
         self._repeated_s = 0.0
+        self._sees_marks = self._lines_alone = False  # crossings or landmarks, ever; none since the pose jumped unfelt
 
     @property
     def share(self) -> float:
@@ -178,6 +181,8 @@ class Integrity:
     @property
     def _doubt(self) -> str:
         """Why a pose that is consistent may not be tracked; empty where it may."""
+        if self._lines_alone:
+            return "the pose has jumped, which the gyro did not feel, and only lines were seen since"
         if not self._coverage.shown:
             return "found elsewhere, where more lines would be seen than are"
         if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S and not self._knows_field:
@@ -291,6 +296,8 @@ class Integrity:
         best = bank.best
         if best is None or best.fit is None:
             return self.verdict
+        if not bank.trust.free_fit:
+            self._take_jump(stamp_ns, len(image.seen.raw_m) > 0, best, history, jump)
         if best.explained >= MIN_EXPLAINED:
             self._seen_ns = stamp_ns
         self.relation.all_round = bank.trust.free_fit
@@ -381,6 +388,19 @@ class Integrity:
                 self.relation.suspect(MIRRORED, 0.0)
                 return True
         return False
+
+    def _take_jump(self, stamp_ns: int, marked: bool, best: Member, history: MotionHistory, jump: Jump) -> None:
+        """Of a sector: where its pose jumps, and no shove has turned the robot, its lines may be bars, nets or cables,
+        which move as a field would, but hardly cross. marked: whether crossings or landmarks are seen.
+        """
+        self._sees_marks |= marked
+        if jump.predicted is not None and self._sees_marks:
+            pose = best.filter.pose
+            off_m, turn = pose.distance_to(jump.predicted), abs(wrap_angle(pose.heading - jump.predicted.heading))
+            if off_m > JUMP_M or turn > JUMP_RAD:
+                apart = history.gyro_apart_rad(self._seen_ns, stamp_ns)
+                self._lines_alone |= apart < UNFELT_RAD + UNFELT_RATIO * turn
+        self._lines_alone &= not (marked and best.explained >= GOOD_SHARE)
 
     def _take_lag(self, pose: Pose, predicted: Pose) -> None:
         """A pose that jumps along its own way: so it does when the camera's clock is set."""

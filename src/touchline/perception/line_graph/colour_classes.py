@@ -88,7 +88,7 @@ def learn_classes(
         model = colour_model(carpet, paint)
     contrast = None if yuv or reach is None else learn_contrast(images, around, reach, model)
     if contrast is not None and contrast.unseen > _UNSEEN:
-        model = colour_model(carpet, carpet.green * contrast.paint)
+        model = colour_model(carpet, contrast.paint)
     if not yuv:
         model = replace(model, ellipses=standing_ellipses(images, around, model))
     classes = _classes(model, carpet.pixels if yuv else None)

@@ -3,7 +3,7 @@ green fades they are learned again.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numba import njit
@@ -23,7 +23,7 @@ from touchline.perception.line_graph.colour_classes import (
     tinted_classes,
 )
 from touchline.perception.line_graph.sorting import median_of
-from touchline.perception.self_learning import GreenWatch
+from touchline.perception.self_learning import FirstImages
 from touchline.types import ImageArray
 
 _MIN_TINT, _MAX_TINT = 0.04, 0.4  # change of the carpet's colour (logarithm) that is followed, and the most
@@ -39,7 +39,7 @@ class ColourMemory:
     def __init__(self, colour_file: str | None, frames: int, yuv: bool) -> None:
         """Raises InputError for a colour file that can't be read. frames: images that are learned from."""
         self._kept = None if colour_file is None else classes_of_model(load_colours(colour_file), yuv)
-        self._frames, self._yuv = frames, yuv
+        self._first, self._yuv = FirstImages(frames), yuv
         self.forget()
 
     def forget(self) -> None:
@@ -48,18 +48,12 @@ class ColourMemory:
         self._learned = self.classes
         self._tint = NO_TINT
         self._ground: IntArray | None = None  # pixels that see it
-        self._begin_anew()
-
-    def _begin_anew(self) -> None:
-        """Learn from the next images; the old colours serve until then."""
-        self._images: list[ImageArray] = []
-        self._has_learned = False  # from all of them
-        self._green = GreenWatch()
+        self._first.begin()
 
     @property
     def is_learning(self) -> bool:
         """Whether the next image is to be learned from."""
-        return self._kept is None and not self._has_learned
+        return self._kept is None and not self._first.are_learned
 
     def learn(self, image: ImageArray, masks: Callable[[], tuple[BoolArray, BoolArray, IntArray]]) -> None:
         """Learn from an image (H, W, 3): the first serves at once, all together once they are there.
@@ -67,19 +61,16 @@ class ColourMemory:
         masks: makes near, around and reach of `learn_classes`. Raises NoCarpetError where no carpet is seen and no
         colours are known.
         """
-        self._images.append(image)
-        if len(self._images) not in (1, self._frames):
-            return
         try:
-            near, around, sides = masks()
-            self.classes = self._learned = learn_classes(self._images, near, around, self._yuv, sides)
-            self._tint = NO_TINT
+            self._first.take(image, lambda images: self._learn_from(images, masks()))
         except NoCarpetError:
-            self._images.pop()
             if self.classes is None:
                 raise
-        if len(self._images) == self._frames:
-            self._has_learned, self._images = True, []
+
+    def _learn_from(self, images: Sequence[ImageArray], masks: tuple[BoolArray, BoolArray, IntArray]) -> None:
+        near, around, sides = masks
+        self.classes = self._learned = learn_classes(images, near, around, self._yuv, sides)
+        self._tint = NO_TINT
 
     def follow(self, image: ImageArray) -> None:
         """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on."""
@@ -100,9 +91,7 @@ class ColourMemory:
         if self._kept is not None:
             return
         self._ground, green = _look_at_ground(counts, horizon, ends)
-        self._green.is_faded(green)
-        if self._green.has_faded:
-            self._begin_anew()
+        self._first.watch(green)
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,23 +12,22 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import BoolArray, Float32Array, FloatArray, IntArray
-from touchline.perception.colour import GREEN, ColourModel
+from touchline.perception.colour import GREEN, ColourModel, channel_sums
 from touchline.types import ImageArray
 
 BLOCK_PX = 2  # turf glitters: means of so many pixels each way are compared
 _THICK = 2  # blocks to the sides of a line that is wide enough for the mean of 3 x 3 of them
 _COLOUR = 2.0  # as much weighs a change of colour against one of brightness: paint then changes both alike
 _TEXTURE, _ABOVE = 0.99, 1.5  # quantile of what is as much darker and more coloured, and times it is no texture
-_MIN_BLOCKS = 30  # that paint is learned from
+_MIN_BLOCKS, _OFTEN = 30, 2.0  # that paint is learned from, and times as often as the opposite: else it is texture
 _AROUND = 31  # blocks each way that tell the carpet beside paint
 _FAINT, _GROWN = 0.4, 8  # of the contrast of paint is enough beside it; so many times it grows
 _NEXT = np.ones((3, 5), np.uint8)  # blocks beside: lines that are far away run across the image
 
 
 class Contrast(NamedTuple):
-    """least: contrast from which on a block is white. paint: (3,) ratio of B, G, R of paint to those of the carpet
-    beside it. unseen: ratio of these blocks, of the half that contrasts most, that a table of
-    colours calls green.
+    """least: contrast from which on a block is white. paint: (3,) B, G, R of paint in the light that was learned.
+    unseen: ratio of such blocks, of the half that contrasts most, that a table of colours calls green.
     """
 
     least: float
@@ -107,9 +106,10 @@ def learn_contrast(
         number = cv2.blur(bare.astype(np.float32), box)[paint]
         carpet = cv2.blur(each * bare[..., np.newaxis], box)[paint] / np.maximum(number, 1e-3)[:, np.newaxis]
         is_green = model.classify(each[paint][np.newaxis].astype(np.uint8))[0] == GREEN
-        rows.append(np.column_stack((contrast[paint], is_green, each[paint] / np.maximum(carpet, 1.0))))
+        light = np.maximum(channel_sums(carpet), 1.0) / model.green.sum()
+        rows.append(np.column_stack((contrast[paint], is_green, (each[paint] - carpet) / light[:, np.newaxis])))
     table = np.concatenate(rows).astype(np.float64)
-    if len(table) < _MIN_BLOCKS:
+    if len(table) < max(_MIN_BLOCKS, _OFTEN * np.count_nonzero(texture > least)):
         return None
     strong = table[:, 0] >= np.median(table[:, 0])
-    return Contrast(least, np.median(table[strong, 2:], axis=0), float(table[strong, 1].mean()))
+    return Contrast(least, model.green + np.median(table[strong, 2:], axis=0), float(table[strong, 1].mean()))
