@@ -412,7 +412,7 @@ class Integrity:
         which move as a field would, but hardly cross. marked: whether crossings or landmarks are seen.
         """
         self._sees_marks |= marked
-        if jump.predicted is not None and self._sees_marks:
+        if jump.predicted is not None and self._sees_marks and self._seen_ns < stamp_ns:
             pose = best.filter.pose
             off_m, turn = pose.distance_to(jump.predicted), abs(wrap_angle(pose.heading - jump.predicted.heading))
             if off_m > JUMP_M or turn > JUMP_RAD:
