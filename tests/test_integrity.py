@@ -111,6 +111,14 @@ def test_bars_of_nets_in_the_place_of_lines_are_not_tracked_where_the_pose_jumps
     assert found.tracking.sum() > 120
 
 
+def test_a_pose_may_jump_at_a_stamp_before_zero() -> None:
+    """Late images of a clock that has just begun to count."""
+    late = next(kind for kind in CATALOGUE if kind.title == f"{FEATURES}: camera's clock 300 ms slow")
+    drive = laid((late,), 0, 5102).faulty.until(0.5)
+    assert drive.frames[0].stamp_ns < 0
+    assert len(drives.estimates_of("touchline", drive, 5102)) == len(drive.frames)
+
+
 def test_two_slips_within_a_second_are_no_alarm() -> None:
     drive = driven("match", 8000, 60.0).until(30.0)
     slips_s = [time_s for time_s in drive.times_of("slip") if 26.0 < time_s < 28.0]

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import MotionHistory, OdometrySettings
-from touchline.motion.odometry import DRIFT_M, DRIFT_RAD, TRAVEL_NOISE_M, TRAVEL_NOISE_RAD, TURN_NOISE_RAD
+from touchline.motion.odometry import DRIFT_M, DRIFT_RAD, TRAVEL_NOISE_M, TRAVEL_NOISE_RAD, TURN_NOISE_RAD, halt_of
+from touchline.motion.samples import SampleHistory
 from touchline.types import Frame, Samples
 
 MS = 1_000_000
@@ -161,3 +162,22 @@ def test_without_a_recent_sample_there_is_no_heading() -> None:
     assert one.at(500 * MS).heading_rad is None
     one.clear()
     assert one.at(1480 * MS).heading_rad is None
+
+
+@pytest.mark.parametrize(("slows_s", "speed"), [(0.0, 0.4), (0.3, None)])
+def test_an_odometry_that_halts_within_a_step_has_failed_and_a_robot_that_stops_has_not(
+    slows_s: float, speed: float | None
+) -> None:
+    samples, stamps = SampleHistory(3), np.arange(0, 3000 * MS, 20 * MS)
+    seconds = np.minimum(1e-9 * stamps, 2.0)
+    left_s = np.clip(2.0 - seconds, 0.0, slows_s)
+    way = 0.4 * (seconds + (left_s - 0.5 * left_s**2 / slows_s if slows_s else 0.0))
+    samples.add(Samples(stamps, np.column_stack((way, 0.0 * way, 0.1 * way))))
+    halt = halt_of(samples)
+    assert (halt is None) if speed is None else (halt is not None and halt.speed == pytest.approx(speed))
+    assert halt is None or halt.stamp_ns == pytest.approx(2000 * MS, abs=25 * MS)
+    samples.forget_before(2500 * MS)  # nothing is left of how it came to stand
+    later = halt_of(samples)
+    assert later is not None
+    assert math.isnan(later.speed)
+    assert halt_of(SampleHistory(3)) is None

@@ -17,6 +17,7 @@ TURN_NOISE_RAD = 0.01  # random heading error after one radian, growing with the
 DRIFT_M = 0.01  # random position error after one second even at rest (m, root of time): being nudged
 DRIFT_RAD = 0.01  # random heading error after one second even at rest
 UNKNOWN_SPEED_M_S = 1.0  # speed that may have been driven while the odometry was missing: a brisk robot
+HALT_S, HALT_M_S = 0.1, 0.1  # for how long at least, and from what speed
 _EXTRAPOLATION_NS = int(EXTRAPOLATION_S * NANOSECONDS)
 UNKNOWN_TURN_RAD_S = 1.5  # rate that may have been turned at while the odometry was missing
 
@@ -105,6 +106,32 @@ def moved(times, table, start_ns, end_ns, scales):  # type: ignore[no-untyped-de
     covariance[1, 1] = (scales[1] * step[1]) ** 2 + position
     covariance[2, 2] = (scales[2] * turns_rad) ** 2 + heading + (UNKNOWN_TURN_RAD_S * missing_s) ** 2
     return step, covariance, missing_s
+
+
+class Halt(NamedTuple):
+    """An odometry that halted, and when; speed (m/s): the mean of the second before."""
+
+    stamp_ns: int
+    speed: float
+
+
+def halt_of(samples: SampleHistory) -> Halt | None:
+    """Whether the newest samples repeat themselves to the bit, and the last step before was in full motion: an odometry
+    fails so, a robot stops in several steps. None if not; no speed (NaN) where no sample known is another one.
+    """
+    times, table = samples.arrays
+    if len(times) < 2 or (table[-1] != table[-2]).any():
+        return None
+    differs = np.flatnonzero((table != table[-1]).any(axis=1))
+    if not len(differs):
+        return Halt(int(times[0]), math.nan)
+    halt = int(differs[-1]) + 1
+    first = int(np.searchsorted(times, times[halt] - NANOSECONDS))
+    last, mean = (
+        float(np.hypot(*(table[halt] - table[k])[:2])) * NANOSECONDS / int(times[halt] - times[k])
+        for k in (halt - 1, first)
+    )
+    return Halt(int(times[halt]), mean) if last > HALT_M_S and times[-1] - times[halt] >= HALT_S * NANOSECONDS else None
 
 
 class Odometry:

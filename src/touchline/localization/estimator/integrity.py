@@ -34,6 +34,7 @@ from touchline.localization.registration.line_share import on_lines
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.unseen import seen_ratio
 from touchline.motion import MotionHistory
+from touchline.motion.odometry import halt_of
 from touchline.types.estimate import UNCONFIRMED
 
 SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with which it begins to count
@@ -46,7 +47,7 @@ GOOD_IMAGES = (
     2  # in a row, in which a pose found in the own half is as good as the right one is (`GOOD`), until it counts
 )
 JUMP_M, JUMP_RAD = 0.25, 0.1  # of the pose, after which that holds for some images
-# by how much gyro and odometry are apart where a jump has not turned the robot (rad, and of what the pose turned)
+# by how much gyro and odometry are apart at most (rad, and of what the pose turned) where they deny that it turned
 UNFELT_RAD, UNFELT_RATIO = 0.02, 0.3
 FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
 PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much, ten images in the mean
@@ -146,6 +147,7 @@ class Integrity:
         self._jumps, self._jumped_ns, self._held_up = 0.0, 0, True  # whether the pose was consistent since it was found
         self.verdict = ALL_WELL
         self._seen_ns = 0  # of the newest image that the pose explains
+        self._halt_m_s = self._halted_m = 0.0  # speed before the odometry halted, and the way since, unseen
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
         self._contradicted = False  # whether the first images did the pose that was given
@@ -182,7 +184,7 @@ class Integrity:
     def _doubt(self) -> str:
         """Why a pose that is consistent may not be tracked; empty where it may."""
         if self._lines_alone:
-            return "the pose has jumped, which the gyro did not feel, and only lines were seen since"
+            return "the pose has jumped, which neither gyro nor odometry felt, and explains no crossing or mark"
         if not self._coverage.shown:
             return "found elsewhere, where more lines would be seen than are"
         if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S and not self._knows_field:
@@ -267,14 +269,16 @@ class Integrity:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
         doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
-        position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * max(unseen_m - UNSEEN_M, 0.0)
+        halted_m = self._halted(stamp_ns, history)
+        unseen_m += halted_m
+        position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * unseen_m
         turns_proved = self._turns_proved
         if unseen.heading:
             apart = history.gyro_apart_rad(self._seen_ns, stamp_ns)
             heading_rad += _unseen_rad(unseen.heading, apart)
             # proved until a gyro denies the turn that images have not refuted
             turns_proved &= not apart > DENIED_RAD + DENIED_RATIO * abs(unseen.heading) or self.relation.refutes_gyro
-        alert_m = ALERT_M if doubt else math.inf
+        alert_m = ALERT_M if doubt or halted_m else math.inf
         if not self._moves_proved and self.relation.contradicts:  # an odometry may have been wrong from the start
             alert_m = ALERT_UNPROVED_M
         if (unseen_m > UNSEEN_M and position_m > alert_m) or (heading_rad > ALERT_RAD and not turns_proved):
@@ -282,6 +286,20 @@ class Integrity:
             self.unbounded = f"unseen for {unseen_m:.1f} m and {turn:.0f}°, the odometry alone tells the pose"
             return None
         return position_m, heading_rad
+
+    def _halted(self, stamp_ns: int, history: MotionHistory) -> float:
+        """The way (m) since the last image that showed something on which the odometry may have failed: it halted."""
+        halt = halt_of(history.odometry.samples)
+        if halt is None:
+            self._halt_m_s = 0.0
+        elif not math.isnan(halt.speed):
+            self._halt_m_s = halt.speed
+        if self._seen_ns >= stamp_ns:
+            self._halted_m = 0.0
+        elif halt is not None:  # one that goes on again has not come back by itself
+            way_m = 1e-9 * (stamp_ns - max(halt.stamp_ns, self._seen_ns)) * self._halt_m_s
+            self._halted_m = max(self._halted_m, way_m)
+        return self._halted_m
 
     def excuse(self) -> None:
         """What explains everything is corrected: begin anew."""
@@ -394,7 +412,7 @@ class Integrity:
         which move as a field would, but hardly cross. marked: whether crossings or landmarks are seen.
         """
         self._sees_marks |= marked
-        if jump.predicted is not None and self._sees_marks:
+        if jump.predicted is not None and self._sees_marks and self._seen_ns < stamp_ns:
             pose = best.filter.pose
             off_m, turn = pose.distance_to(jump.predicted), abs(wrap_angle(pose.heading - jump.predicted.heading))
             if off_m > JUMP_M or turn > JUMP_RAD:
