@@ -105,10 +105,10 @@ def test_images_that_turn_at_once_are_a_turned_camera_if_gyro_and_odometry_felt_
     assert least < turned.bound[1] < most
 
 
-@pytest.mark.parametrize(("faster", "unfelt"), [(0.0, True), (0.5, True), (-0.7, False)])
-def test_late_images_of_a_robot_that_turns_faster_by_now_are_no_turned_camera(faster: float, unfelt: bool) -> None:
+@pytest.mark.parametrize(("rate_change", "unfelt"), [(0.0, True), (0.5, True), (-0.7, False)])
+def test_late_images_of_a_robot_that_turns_faster_by_now_are_no_turned_camera(rate_change: float, unfelt: bool) -> None:
     """0.2 rad at once: 0.7 rad/s faster, a delay of 0.3 s makes as much."""
-    assert is_unfelt(-0.2, 1e-4, 0.01, 0.0, faster) is unfelt
+    assert is_unfelt(-0.2, 1e-4, 0.01, 0.0, rate_change) is unfelt
 
 
 @pytest.mark.parametrize(("turn", "in_doubt"), [(math.pi, False), (0.5, True)])

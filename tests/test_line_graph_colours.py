@@ -36,6 +36,7 @@ from touchline.perception.line_graph.colour_classes import (
     suppress_fringes,
 )
 from touchline.perception.line_graph.colour_memory import ColourMemory
+from touchline.perception.line_graph.contrast import learn_contrast
 from touchline.perception.line_graph.field_lines import FoundLines, _without_faint
 from touchline.perception.line_graph.image_plane import image_plane
 from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank_cells
@@ -131,7 +132,7 @@ def test_where_colours_tell_paint_the_carpet_beside_it_is_not_asked() -> None:
     assert learn_classes([worn_field()], everywhere(), everywhere(), False, SIDES).least_contrast == 0.0
 
 
-@pytest.mark.parametrize("amplitude", [0.03, 0.1])
+@pytest.mark.parametrize("amplitude", [0.03, 0.06])
 def test_bare_turf_teaches_no_paint(amplitude: float) -> None:
     rng, ground = np.random.default_rng(5), np.ones((480, 752), dtype=np.bool_)
     turf = cv2.GaussianBlur(rng.normal(0.0, 1.0, ground.shape), (0, 0), 1.0)
@@ -139,6 +140,17 @@ def test_bare_turf_teaches_no_paint(amplitude: float) -> None:
     image += rng.normal(0.0, 4.0, image.shape)
     seen = [np.clip(image, 0, 255).astype(np.uint8)]
     assert learn_classes(seen, ground, ground, False, np.full((240, 2), 6)).least_contrast == 0.0
+
+
+def test_carpet_without_any_texture_teaches_paint_where_lines_are_drawn_on_it() -> None:
+    image, ground, reach = np.full((480, 752, 3), (50, 110, 70), np.uint8), np.ones((480, 752), np.bool_), 6
+    sides = np.full((240, 2), reach)
+    model = learn_classes([worn_field()], everywhere(), everywhere(), False, SIDES).model
+    assert learn_contrast([image], ground, sides, model) is None
+    image[100:106] = image[300:306] = (230, 235, 232)
+    found = learn_contrast([image], ground, sides, model)
+    assert found is not None
+    assert found.paint == pytest.approx([230.0, 235.0, 232.0], rel=0.6)  # in the light that the model was learned in
 
 
 def test_a_colour_file_s_classes_are_those_that_were_marked() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -401,3 +403,18 @@ def test_an_image_whose_green_has_faded_is_not_learned_from_with_the_others() ->
         assert not first.watch(share)
     assert learned == [0, 0, 2, 3]
     assert first.are_learned
+
+
+def test_an_image_without_carpet_takes_no_other_with_it() -> None:
+    first, learned = FirstImages(3), list[int]()
+
+    def learn(images: Sequence[ImageArray]) -> None:
+        if images[-1][0, 0, 0] == 9:
+            raise NoCarpetError("no carpet")
+        learned[:] = [int(each[0, 0, 0]) for each in images]
+
+    for number in (1, 2, 9, 3):
+        with suppress(NoCarpetError):
+            first.take(np.full((1, 1, 3), number, dtype=np.uint8), learn)
+        first.watch(0.1 if number == 9 else 0.5)
+    assert learned == [1, 2, 3]

@@ -31,6 +31,7 @@ class FirstImages:
         """Learn from the next images."""
         self._images: list[ImageArray] = []
         self.are_learned = False  # all of them
+        self._keeps_newest = False
         self._usual, self._faded = 0.0, 0
 
     def take(self, image: ImageArray, learn: Callable[[Sequence[ImageArray]], None]) -> None:
@@ -39,12 +40,14 @@ class FirstImages:
         Raises NoCarpetError as `learn` does: the image is not kept then.
         """
         self._images.append(image)
+        self._keeps_newest = True
         if len(self._images) not in (1, self._count):
             return
         try:
             learn(self._images)
         except NoCarpetError:
             self._images.pop()
+            self._keeps_newest = False
             raise
         if len(self._images) == self._count:
             self.are_learned, self._images = True, []
@@ -56,7 +59,7 @@ class FirstImages:
             self._usual += 0.1 * (share - self._usual) if self._usual else share
             return False
         self._faded += 1
-        if len(self._images) > 1:
+        if len(self._images) > 1 and self._keeps_newest:
             self._images.pop()  # broken, or hardly any field in it: not to be learned from with the others
         if self._faded < FADED_FRAMES:
             return False

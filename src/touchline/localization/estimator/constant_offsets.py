@@ -57,6 +57,13 @@ BISECTIONS = 10
 ACCELERATION = 3.0, 6.0  # of robots on wheels (m/s², rad/s²): a speed changes by that while nobody tells of it
 
 
+class Felt(NamedTuple):
+    """How far gyro and odometry are apart since the image before, NaN without a gyro; the rate of turn at that one."""
+
+    apart_rad: float
+    rate_rad_s: float
+
+
 @njit(cache=True, error_model="numpy")
 def followed(state, joint, step, noise, seconds, turn2):  # type: ignore[no-untyped-def]
     """Move (in place) by a step of the odometry (3,), with its covariance (3, 3), robot frame before it. turn2: of its
@@ -87,10 +94,9 @@ def followed(state, joint, step, noise, seconds, turn2):  # type: ignore[no-unty
 @njit(cache=True, error_model="numpy")
 def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
-    samples. prior (4,): standard deviations, of those that have grown anew. felt: how far gyro and odometry are apart
-    (rad), NaN without, and the rate of turn at the image before. Returns the velocity (3,) of `taken`; (4,) by how much
-    the variances of the way, heading and turn have grown, and the probability of a turn that this makes, 0 for none;
-    negative if the image lies elsewhere, may_change is not set, and nothing was taken.
+    samples. prior (4,): standard deviations, of those that have grown anew. Returns the velocity (3,) of `taken`; (4,)
+    by how much the variances of the way, heading and turn have grown, and the probability of a turn that this makes, 0
+    for none; negative if the image lies elsewhere, may_change is not set, and nothing was taken.
     """
     (seen, covariance), (since, bend, velocity) = seen, taken(way, stamp_ns, state[LATE], joint[LATE, LATE])
     cosine, sine = math.cos(state[2]), math.sin(state[2])
@@ -117,7 +123,7 @@ def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # ty
         # a lone line: the pose slides along it, but does not turn
         alone = spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
         way2, turn2 = 0.0 if alone else off[0] ** 2 + off[1] ** 2, off[2] ** 2
-        unfelt = is_unfelt(off[2], off2, way2, felt[0], velocity[2] - felt[1])
+        unfelt = is_unfelt(off[2], off2, way2, felt.apart_rad, velocity[2] - felt.rate_rad_s)
         if alone and not (unfelt and turn2 > TURN**2):
             return velocity, grown
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
@@ -145,12 +151,12 @@ def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # ty
 
 
 @njit(cache=True, error_model="numpy")
-def is_unfelt(turn, variance, way2, apart, faster):  # type: ignore[no-untyped-def]
+def is_unfelt(turn, variance, way2, apart, rate_change):  # type: ignore[no-untyped-def]
     """Whether images that turn at once by so much (rad, with its variance), and move the robot by a way (m², squared),
     show no shove: gyro and odometry would have felt one. apart: how far they are (rad); NaN: one of them is missing.
-    faster (rad/s): than at the image before, by which late images turn, too.
+    rate_change (rad/s): since the image before, by which late images turn, too.
     """
-    least2 = (UNFELT + 3.0 * apart + OFTEN_LATE_S * abs(faster)) ** 2 + 9.0 * variance
+    least2 = (UNFELT + 3.0 * apart + OFTEN_LATE_S * abs(rate_change)) ** 2 + 9.0 * variance
     return least2 < turn**2 < MAX_UNFELT**2 and way2 < UNFELT_M**2
 
 
@@ -206,7 +212,7 @@ def exceeded_moving(sets, speed, rate):  # type: ignore[no-untyped-def]
 
 
 # of an image, as `corrected` takes it
-_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int, tuple[float, float]]
+_Measured = tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], int, Felt]
 
 
 class _Belief(NamedTuple):
@@ -301,8 +307,8 @@ class ConstantOffsets:
         elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR
         if elsewhere:  # or rather the camera has turned
             turn2 = self._joint[2, 2] + self._joint[3, 3] + 2.0 * self._joint[2, 3] + sighting.covariance[2, 2]
-            turned, faster = wrap_angle(turn - float(self._state[TURNED])), self._newest[2] - self._velocity[2]
-            elsewhere = not is_unfelt(turned, turn2, x * x + y * y, apart, faster)
+            turned, change = wrap_angle(turn - float(self._state[TURNED])), self._newest[2] - self._velocity[2]
+            elsewhere = not is_unfelt(turned, turn2, x * x + y * y, apart, change)
         if not known or (elsewhere and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
@@ -310,7 +316,7 @@ class ConstantOffsets:
         others = [one for one in others if sighting.stamp_ns - one.stamp_ns < 1e9 * KEPT_S]
         apart = apart if self._images >= FIRST_IMAGES else math.nan
         image = sighting.pose, sighting.covariance
-        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, (apart, float(self._velocity[2])))
+        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, Felt(apart, float(self._velocity[2])))
         for one in others:
             self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
             if more2[0] >= 0.0:
@@ -421,7 +427,7 @@ def errors_of(state, joint, prior, shares):  # type: ignore[no-untyped-def]
     state (7,) and joint (7, 7): a pose, then the errors; prior (4,): standard deviations before; shares (3,): of the
     robots that have each.
     """
-    information, sets, likeliest = inverse(joint[3:, 3:]), np.zeros((7, 7)), 0.0
+    information, sets, likeliest = inverse(joint[3:, 3:].copy()), np.zeros((7, 7)), 0.0
     shown = applied(information, state[3:])
     for s in range(7):
         for k in range(3):

@@ -47,7 +47,7 @@ GOOD_IMAGES = (
     2  # in a row, in which a pose found in the own half is as good as the right one is (`GOOD`), until it counts
 )
 JUMP_M, JUMP_RAD = 0.25, 0.1  # of the pose, after which that holds for some images
-# by how much gyro and odometry are apart where a jump has not turned the robot (rad, and of what the pose turned)
+# by how much gyro and odometry are apart at most (rad, and of what the pose turned) where they deny that it turned
 UNFELT_RAD, UNFELT_RATIO = 0.02, 0.3
 FOREIGN_S, FORGOTTEN_PER_S = 1.0, 0.02  # time for which images lay on no line, from where a pose is on probation
 PROBATION_S, GOOD_SHARE = 3.0, 0.8  # how long it then has to explain so much, ten images in the mean
@@ -184,7 +184,7 @@ class Integrity:
     def _doubt(self) -> str:
         """Why a pose that is consistent may not be tracked; empty where it may."""
         if self._lines_alone:
-            return "the pose has jumped, which the gyro did not feel, and only lines were seen since"
+            return "the pose has jumped, which neither gyro nor odometry felt, and explains no crossing or mark"
         if not self._coverage.shown:
             return "found elsewhere, where more lines would be seen than are"
         if self._foreign_s > FOREIGN_S and self._good_s < PROBATION_S and not self._knows_field:

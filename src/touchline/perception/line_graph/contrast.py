@@ -19,6 +19,7 @@ BLOCK_PX = 2  # turf glitters: means of so many pixels each way are compared
 _THICK = 2  # blocks to the sides of a line that is wide enough for the mean of 3 x 3 of them
 _COLOUR = 2.0  # as much weighs a change of colour against one of brightness: paint then changes both alike
 _TEXTURE, _ABOVE = 0.99, 1.5  # quantile of what is as much darker and more coloured, and times it is no texture
+_MIN_CONTRAST = 0.02  # of the logarithm: carpet without any texture is drawn
 _MIN_BLOCKS, _OFTEN = 30, 2.0  # that paint is learned from, and times as often as the opposite: else it is texture
 _AROUND = 31  # blocks each way that tell the carpet beside paint
 _FAINT, _GROWN = 0.4, 8  # of the contrast of paint is enough beside it; so many times it grows
@@ -98,7 +99,7 @@ def learn_contrast(
     ground = ground[: len(reach), : around.shape[1] // BLOCK_PX]
     blocks = [mean_blocks(image) for image in images]
     texture = np.concatenate([contrasts(each, reach, -1.0)[ground] for each in blocks])
-    least = _ABOVE * float(np.quantile(texture, _TEXTURE)) if len(texture) else 0.0
+    least = max(_ABOVE * float(np.quantile(texture, _TEXTURE)) if len(texture) else 0.0, _MIN_CONTRAST)
     rows = []
     for each in blocks:
         contrast, box = contrasts(each, reach), (_AROUND, _AROUND)
