@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -62,3 +64,19 @@ def test_the_runs_of_an_experiment_are(scheduler: str) -> None:
     for where in ((2, None), (1, scheduler)):
         with open_workers(*where) as workers:
             assert robots(workers) == alone
+
+
+def end_itself(task: int) -> int:
+    if task == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if task == 20:
+        raise ValueError("twenty")
+    return task
+
+
+def test_a_task_that_ends_its_workers_is_not_the_end_of_the_others(scheduler: str) -> None:
+    with open_workers(dask=scheduler) as workers:
+        found = list(workers.unordered(end_itself, range(5), lambda task: -task))
+        assert sorted(found) == [-2, 0, 1, 3, 4]
+        with pytest.raises(ValueError, match="twenty"):
+            list(workers.unordered(end_itself, [20], lambda task: -task))

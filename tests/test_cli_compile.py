@@ -9,8 +9,11 @@ import sys
 from pathlib import Path
 
 import numba
+import pytest
 
 from touchline.cli.console import announce_compiling
+from touchline.compiling import load_loops_lean
+from touchline.evaluation.workers import open_workers
 from touchline.systems import SYSTEMS
 
 RUN = [sys.executable, "-m", "touchline"]
@@ -68,6 +71,9 @@ def test_a_first_start_says_once_what_it_waits_for() -> None:
     with announce_compiling(said.append):
         twice(2)
     assert len(said) == 1
+    thrice = numba.njit(lambda x: x + x + x)
+    thrice(1)  # by a library's user, whose Numba is as it was
+    assert any("@cfunc." in code for code in thrice.inspect_llvm().values())
 
 
 def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
@@ -76,3 +82,58 @@ def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
     code = "from touchline.field import open_field; open_field('indoor-9x6').distance_map(0.2)"
     subprocess.run([sys.executable, "-c", code], env=environment, check=True)
     assert list((tmp_path / "cache").rglob("*.nbi"))
+
+
+def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path: Path) -> None:
+    (tmp_path / "loops.py").write_text(
+        "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"
+    )
+    code = (
+        "import numba, loops\nfrom touchline.compiling import load_loops_lean\n"
+        "load_loops_lean()\nprint(loops.twice(1.0), sum(loops.twice.stats.cache_hits.values()))\n"
+        "kept = next(iter(loops.twice.overloads.values())).library._shared_module\n"
+        "print(kept is None, numba.njit(lambda x: 1.0 + loops.twice(x))(3.0))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    assert said == [["2.0", "0", "False", "7.0"], ["2.0", "1", "True", "7.0"]]
+
+
+def test_loops_kept_in_another_shape_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Library:
+        _shared_module = "parsed"
+
+        @classmethod
+        def _unserialize(cls, codegen: object, state: object) -> Library:
+            return cls()
+
+        def _get_module_for_linking(self) -> str:
+            return self._shared_module
+
+    monkeypatch.setattr("numba.core.codegen.CPUCodeLibrary", Library)
+    load_loops_lean.__wrapped__()
+    for state in (("f", "object", b"code"), ("f", "object", ("code", "text")), ("f", "bitcode", b"code"), b"all"):
+        assert Library._unserialize(None, state)._shared_module == "parsed"
+    assert Library._unserialize(None, ("f", "object", (b"code", b"bitcode")))._shared_module is None
+    monkeypatch.setattr("numba.core.codegen.CPUCodeLibrary", None)
+    load_loops_lean.__wrapped__()
+
+
+def numba_is_set(task: int) -> tuple[bool, str]:
+    from numba.core.codegen import CPUCodeLibrary
+    from numba.core.compiler import Flags
+
+    return Flags.options["no_cfunc_wrapper"]._default, CPUCodeLibrary._unserialize.__module__
+
+
+def test_numba_is_set_in_workers_and_not_where_they_are_asked_for() -> None:
+    before = numba_is_set(0)
+    with open_workers(2) as workers:
+        assert list(workers.map(numba_is_set, range(1))) == [(True, "touchline.compiling")]
+    assert numba_is_set(0) == before
+    assert not before[0]

@@ -35,6 +35,7 @@ ROOMS = (
     "errors",
     "messages",
     "given",
+    "compiling",
     "files",
     "palette",
     "geometry",

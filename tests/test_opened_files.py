@@ -21,7 +21,7 @@ from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
-from touchline.files.images import MEGAPIXELS_VARIABLE, decode, image_size, read_image
+from touchline.files.images import MEGAPIXELS_VARIABLE, decode, image_size, jpeg_header, read_image
 from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.localization.one_shot.points_file import read_points
@@ -217,6 +217,8 @@ def test_headers_of_other_writers_are_read_as_well() -> None:
     assert image_size(jpeg[:2] + thumbnail + b"\xff" + jpeg[2:]) == (640, 480)
     progressive = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
     assert image_size(progressive) == (640, 480)
+    bare = jpeg[:2] + b"\xff\x01\xff\xd0\xff\xff\xd8" + jpeg[2:]  # markers that no length follows
+    assert jpeg_header(bare) == (jpeg_header(jpeg).size, (jpeg_header(jpeg).scan or 0) + 7)
     assert image_size(jpeg[: jpeg.index(b"\xff\xda")].replace(b"\xff\xc0", b"\xff\xc4")) is None
 
 

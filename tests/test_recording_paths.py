@@ -90,6 +90,12 @@ def test_a_link_among_images_that_lie_inside_is_told(folder: Path) -> None:
     assert [ELSEWHERE in problem for problem in problems] == [k == 7 for k in range(12)]
 
 
+def test_a_name_that_is_too_long_is_one_image_s_problem(folder: Path) -> None:
+    edit_line(folder / "images.csv", 5, 1, f"images/{'a' * 300}.jpg")  # others in that folder were read before
+    problems = [frame.problem or "" for frame in open_source(folder)]
+    assert ["File name too long" in problem for problem in problems] == [k == 3 for k in range(12)]
+
+
 def test_what_a_calibration_reads_beside_it_stays_inside_too(folder: Path) -> None:
     (folder / "marks.csv").write_text("file,name,u,v,x_m,y_m\n")
     put_elsewhere(folder, "marks.csv")

@@ -9,8 +9,13 @@ import shutil
 import signal
 import subprocess
 import sys
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow.parquet
 import pytest
 
@@ -200,6 +205,30 @@ def test_a_task_that_ends_its_worker_is_not_the_end_of_the_others() -> None:
             list(workers.map(end_itself, range(4)))
 
 
+def test_a_worker_that_ends_while_tasks_are_handed_out_is_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    submit = ProcessPoolExecutor.submit
+
+    def slow(pool: ProcessPoolExecutor, function: Callable[[int], int], task: int) -> Future[int]:
+        future = submit(pool, function, task)
+        if task == 2:
+            wait([future])
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", slow)
+    with open_workers(2) as workers:
+        found = list(workers.unordered(end_itself, range(6), lambda task: -task))
+    assert sorted(found) == [-2, 0, 1, 3, 4, 5]
+
+
+def test_results_are_not_kept() -> None:
+    given: list[weakref.ref[Any]] = []
+    with open_workers(2) as workers:
+        for found in workers.unordered(np.ones, range(1, 9), np.zeros):
+            given.append(weakref.ref(found))
+            assert sum(one() is not None for one in given) <= 2  # this one, and the one before
+    assert len(given) == 8
+
+
 def test_workers_end_with_who_started_them(tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(
@@ -210,23 +239,3 @@ def test_workers_end_with_who_started_them(tmp_path: Path) -> None:
     # its output ends when the last process that has it ends
     said = subprocess.run([sys.executable, str(script)], stdout=subprocess.PIPE, timeout=60, check=False)
     assert (said.returncode, said.stdout) == (-signal.SIGKILL, b"[7]\n")
-
-
-def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path: Path) -> None:
-    (tmp_path / "loops.py").write_text(
-        "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"
-    )
-    code = (
-        "import numba, loops\nfrom touchline.season.loaded_loops import load_loops_lean\n"
-        "load_loops_lean()\nprint(loops.twice(1.0), sum(loops.twice.stats.cache_hits.values()))\n"
-        "kept = next(iter(loops.twice.overloads.values())).library._shared_module\n"
-        "print(kept is None, numba.njit(lambda x: 1.0 + loops.twice(x))(3.0))"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-        ).stdout.split()
-        for _ in range(2)
-    ]
-    assert said == [["2.0", "0", "False", "7.0"], ["2.0", "1", "True", "7.0"]]

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from touchline.cli.console import errors_console, leave_out_c_wrappers, say
+from touchline.cli.console import errors_console, say
+from touchline.compiling import without_c_wrappers
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -64,7 +65,6 @@ def _compiled() -> Iterator[set[str]]:
     from numba.core import event
     from rich.status import Status
 
-    leave_out_c_wrappers()
     names: set[str] = set()
     console = errors_console()
     status = Status("", console=console)
@@ -78,7 +78,8 @@ def _compiled() -> Iterator[set[str]]:
 
         def on_end(self, event: Any) -> None: ...
 
-    with event.install_listener("numba:compile", Listener()), status if console.is_terminal else nullcontext():
+    shown = status if console.is_terminal else nullcontext()
+    with without_c_wrappers(), event.install_listener("numba:compile", Listener()), shown:
         yield names
 
 

@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from touchline.compiling import without_c_wrappers
+
 if TYPE_CHECKING:
     from touchline.evaluation import ErrorTable
 
@@ -105,21 +107,13 @@ def print_errors(errors: ErrorTable, tracked: Iterable[tuple[str, list[str]]] = 
     say(*errors.notes(), style="dim")
 
 
-def leave_out_c_wrappers() -> None:
-    """From now on loops are compiled without what C would call them by, which takes 7 % of the time: nobody does."""
-    from numba.core.compiler import Flags
-
-    option = Flags.options.get("no_cfunc_wrapper")
-    if option is not None:
-        option._default = True
-
-
 @contextmanager
 def announce_compiling(say: Callable[[str], None]) -> Iterator[None]:
-    """Says, once, that the inner loops are being compiled, if they are: that is what a first start waits for."""
-    from numba.core import event
+    """Says, once, that the inner loops are being compiled, if they are: that is what a first start waits for.
 
-    leave_out_c_wrappers()
+    They are compiled without wrappers for C meanwhile; afterwards Numba is as it was.
+    """
+    from numba.core import event
 
     class Listener(event.Listener):
         shown = False
@@ -131,5 +125,5 @@ def announce_compiling(say: Callable[[str], None]) -> Iterator[None]:
 
         def on_end(self, event: Any) -> None: ...
 
-    with event.install_listener("numba:compile", Listener()):
+    with without_c_wrappers(), event.install_listener("numba:compile", Listener()):
         yield

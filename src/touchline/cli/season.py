@@ -4,6 +4,7 @@ import os
 from collections.abc import Sequence
 
 from touchline.cli.console import announce_compiling, errors_console, say
+from touchline.compiling import load_loops_lean
 from touchline.errors import TouchlineError
 from touchline.evaluation.workers import open_workers
 from touchline.messages import counted
@@ -16,6 +17,7 @@ def run_all(given: Sequence[str], output: str, command: Command, workers: int | 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     recordings = find_recordings(given)
+    load_loops_lean()
     count = min(workers or os.cpu_count() or 1, len(recordings))
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with (

@@ -7,12 +7,13 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from typing import Any, Protocol, TypeVar
 
+from touchline.compiling import leave_out_c_wrappers, load_loops_lean
 from touchline.errors import InputError, TouchlineError
 
 Task = TypeVar("Task")
@@ -31,7 +32,10 @@ class Workers(Protocol):
     def unordered(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], ended: Callable[[Task], Result]
     ) -> Iterator[Result]:
-        """The results as they come. ended: what stands for that of a task whose process was ended from outside."""
+        """The results as they come. ended: what stands for that of a task whose process was ended from outside.
+
+        On a cluster: of one that was at hand in as many workers that ended as its scheduler allows, and in one more.
+        """
         ...
 
 
@@ -72,22 +76,32 @@ class _Pool:
         rounds = [list(tasks)]
         while rounds:
             given = rounds.pop()
-            futures = {self._executor.submit(function, task): task for task in given}
-            for future in as_completed(futures):
-                if not isinstance(future.exception(), BrokenProcessPool):
+            numbers: dict[Future[Result], int] = {}
+            with suppress(BrokenProcessPool):  # a worker may end while tasks are still handed out
+                for task in given:
+                    numbers[self._executor.submit(function, task)] = len(numbers)
+            broken = list(range(len(numbers), len(given)))
+            for future in as_completed(numbers):
+                number = numbers.pop(future)  # which holds the result
+                if isinstance(future.exception(), BrokenProcessPool):
+                    broken.append(number)
+                else:
                     yield future.result()
-            left = [task for future, task in futures.items() if isinstance(future.exception(), BrokenProcessPool)]
+            left = [given[number] for number in sorted(broken)]
             if left:
                 self._open()
             if len(given) == 1:
                 yield from map(ended, left)
-            elif left:  # the oldest were at hand, one more than workers: whose fault it was shows if each is alone
-                suspects = self._count + 1
-                rounds += [left[suspects:], *([task] for task in left[:suspects])]
+            elif left:  # the oldest were at hand, one more than workers: halves of them show whose fault it was
+                suspects = min(len(left), self._count + 1)
+                half = (suspects + 1) // 2
+                rounds += [left[suspects:], left[half:suspects], left[:half]]
 
 
 def _begin_worker() -> None:
     """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
+    leave_out_c_wrappers()
+    load_loops_lean()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -110,10 +124,19 @@ class _Cluster:
     def unordered(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], ended: Callable[[Task], Result]
     ) -> Iterator[Result]:
+        from distributed import KilledWorker
         from distributed import as_completed as completed_there
 
         futures = self._client.map(function, tasks, pure=False)
-        for future, result in completed_there(futures, loop=self._client.loop, with_results=True):
+        given = {future.key: task for future, task in zip(futures, tasks, strict=True)}
+        results = completed_there(futures, loop=self._client.loop, with_results=True, raise_errors=False)
+        for future, result in results:
+            task = given.pop(future.key)
+            if future.status == "error":
+                error = future.exception()
+                if not isinstance(error, KilledWorker):
+                    raise error
+                result = ended(task)
             future.release()  # the cluster need not keep it until the last one is there
             yield result
 

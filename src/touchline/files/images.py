@@ -24,7 +24,8 @@ MEGAPIXELS_VARIABLE = "TOUCHLINE_MAX_MEGAPIXELS"
 _BYTES_PER_PIXEL = 4  # no file is larger than its pixels, uncompressed: 50 megapixels are 200 MB
 _FORMATS = "JPEG, PNG, BMP, TIFF, WebP, PGM or PPM"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
-_JPEG_START, _JPEG_FILL, _JPEG_SCAN = b"\xff\xd8", 0xFF, 0xDA
+_JPEG_START, _JPEG_MARKER, _JPEG_SCAN = b"\xff\xd8", 0xFF, 0xDA
+_JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a segment, and so without its length
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of the segments that hold the size
 _TIFF_TILE = (322, 323)  # the tags of the width and height of what is decoded at once
 
@@ -93,10 +94,10 @@ def image_size(data: bytes) -> ImageSize | None:
 def jpeg_header(data: bytes) -> JpegHeader:
     """The header of a JPEG file, segment by segment: one of them may hold a thumbnail with a header of its own."""
     at, size = len(_JPEG_START), None
-    while at + 4 <= len(data) and data[at] == _JPEG_FILL:
+    while at + 4 <= len(data) and data[at] == _JPEG_MARKER:
         marker = data[at + 1]
-        if marker == _JPEG_FILL:
-            at += 1
+        if marker == _JPEG_MARKER or marker in _JPEG_BARE:
+            at += 1 if marker == _JPEG_MARKER else 2  # what precedes a marker may be repeated
             continue
         if marker in _JPEG_FRAMES and at + 9 <= len(data):
             height, width = int.from_bytes(data[at + 5 : at + 7]), int.from_bytes(data[at + 7 : at + 9])

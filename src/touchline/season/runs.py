@@ -22,7 +22,6 @@ from touchline.evaluation.workers import ENDED, Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 from touchline.messages import unexpected
-from touchline.season.loaded_loops import load_loops_lean
 from touchline.season.recordings import at_hand, fingerprint, folder_names, is_address, keep
 from touchline.season.tables import Row, row_of, write_estimates, write_runs
 from touchline.sources import BagOptions, open_source
@@ -129,7 +128,6 @@ def localize_one(task: Task) -> tuple[Row, EstimateTable | None]:
 
     Of its estimates a table is made by who asked: pyarrow takes 45 MB, which not each worker needs.
     """
-    load_loops_lean()
     estimates = None
     command, row = task.command, _row_without(task, "")
     name = row["run"]
