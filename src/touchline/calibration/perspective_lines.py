@@ -74,9 +74,12 @@ def calibrate_perspective_lines(images: Sequence[ImageArray], field: FieldModel,
         if not right:
             break
         state, seen = best.fit.state, work.look(best.fit.state)
-        best = work.fitted(seen, state, right)
-        if len(best.right_poses()) < len(right):  # some of the poses were wrong: all are looked for again
-            best = min(best, work.fitted(seen, state, {}), key=lambda each: each.cost)
+        tried = work.tried(seen, state, right)
+        if not tried or len(tried[0].right_poses()) < len(right):  # some of them were wrong: all are looked for again
+            tried += work.tried(seen, state, {})
+        if not tried:
+            break
+        best = max(tried, key=lambda each: (len(each.right_poses()), -each.cost))
         if len(right) == len(best.right_poses()) == len(best.images):
             break
     right = best.right_poses()
@@ -141,6 +144,13 @@ class _Calibration:
         if not low - _BEYOND < fit.state[FOCAL] < high + _BEYOND:
             raise NoFitError("no camera that is usual puts the points on this field's lines")
         return _Fitted(fit, tuple(views), seen)
+
+    def tried(self, seen: Sequence[Observation], state: FloatArray, poses: Mapping[int, Pose]) -> list[_Fitted]:
+        """The fit, if there is one."""
+        try:
+            return [self.fitted(seen, state, poses)]
+        except NoFitError:
+            return []
 
     def first(self) -> _Fitted:
         """The first fit that is good, else the best: of what the usual cameras see, what sees most points first."""
