@@ -181,3 +181,12 @@ def test_an_odometry_that_halts_within_a_step_has_failed_and_a_robot_that_stops_
     assert later is not None
     assert math.isnan(later.speed)
     assert halt_of(SampleHistory(3)) is None
+
+
+def test_an_odometry_that_halts_after_a_gap_has_the_speed_of_the_gap() -> None:
+    samples = SampleHistory(3)
+    stamps = np.array([0, 100, 2100, 2200, 2300]) * MS
+    samples.add(Samples(stamps, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], *3 * [[2.1, 0.0, 0.0]]])))
+    halt = halt_of(samples)
+    assert halt is not None
+    assert halt == (2100 * MS, pytest.approx(1.0))

@@ -126,7 +126,7 @@ def halt_of(samples: SampleHistory) -> Halt | None:
     if not len(differs):
         return Halt(int(times[0]), math.nan)
     halt = int(differs[-1]) + 1
-    first = int(np.searchsorted(times, times[halt] - NANOSECONDS))
+    first = min(int(np.searchsorted(times, times[halt] - NANOSECONDS)), halt - 1)  # there may be a gap
     last, mean = (
         float(np.hypot(*(table[halt] - table[k])[:2])) * NANOSECONDS / int(times[halt] - times[k])
         for k in (halt - 1, first)
