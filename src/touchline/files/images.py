@@ -38,7 +38,7 @@ class ImageSize(NamedTuple):
 
 
 class JpegHeader(NamedTuple):
-    """What the segments before the coded pixels say. scan: where these begin; None where it cannot be told."""
+    """What the segments before the coded pixels say. scan: where these begin; None where it is unknown."""
 
     size: ImageSize | None
     scan: int | None

@@ -23,7 +23,7 @@ _MAX_NAME = 200
 class Description:
     """The checked part of sequence.yaml. image_size: width, height of camera.yaml, where it has them.
 
-    camera_model: what camera.yaml holds, of which whoever needs the camera is told what is wrong.
+    camera_model: what camera.yaml holds, of which whoever needs the camera learns what is wrong.
     rate_hz: None if the file names none. field_source: a field.yaml or the name of a preset.
     """
 

@@ -1,4 +1,4 @@
-"""White against the carpet on both sides: what is brighter and less coloured than both, a line's width away.
+"""White against the carpet on both sides: what is brighter and less coloured than both, at a line's width from it.
 
 Where shaded paint has the colour of carpet in the sun, no table of colours tells them apart, but their neighbours do:
 shade multiplies both, and logarithms of their colours still differ by the same. The edge of a shadow has one such side.
@@ -23,7 +23,7 @@ _MIN_CONTRAST = 0.02  # of the logarithm: carpet without any texture is drawn
 _MIN_BLOCKS, _OFTEN = 30, 2.0  # that paint is learned from, and times as often as the opposite: else it is texture
 _AROUND = 31  # blocks each way that tell the carpet beside paint
 _FAINT, _GROWN = 0.4, 8  # of the contrast of paint is enough beside it; so many times it grows
-_NEXT = np.ones((3, 5), np.uint8)  # blocks beside: lines that are far away run across the image
+_NEXT = np.ones((3, 5), np.uint8)  # blocks beside: distant lines run across the image
 
 
 class Contrast(NamedTuple):
