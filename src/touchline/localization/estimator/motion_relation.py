@@ -471,9 +471,11 @@ class MotionRelation:
         that are turned or mirrored suddenly, whose chain of poses breaks, as that of an odometry does not. What was
         named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
         """
-        best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         images, odometry = self._gyro_agrees()
         by_gyro = odometry < images if self._gyro_tells(images, odometry) else None
+        if by_gyro:  # where the odometry stands still, and the gyro does, the robot turns no more than they say
+            gains[[TURN_SCALE, STILL_ODOMETRY]] = -np.inf
+        best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         if self._named is not None:
             named, culprit = self._named
             if gains[named] > gains[best] - CLEARLY and by_gyro in (None, culprit is Culprit.IMAGES):
