@@ -337,6 +337,10 @@ class ConstantOffsets:
         self._velocity, more2 = corrected(self._state, self._joint, self._prior, *seen, True)
         if not more2.any():
             return
+        if sighting.learned and not self._clock_set:  # another camera saw the images before: nothing has turned
+            self._begin(sighting.pose, UNKNOWN)
+            corrected(self._state, self._joint, self._prior, *seen, True)
+            return
         turned, displaced = self._camera
         way2, heading2, _, is_turned = more2.tolist()
         if is_turned:
