@@ -119,9 +119,9 @@ def halt_of(samples: SampleHistory) -> Halt | None:
     """Whether the newest samples repeat themselves to the bit, and the last step before was in full motion: an odometry
     fails so, a robot stops in several steps. None if not; no speed (NaN) where no sample known is another one.
     """
-    times, table = samples.arrays
-    if len(times) < 2 or (table[-1] != table[-2]).any():
+    if not samples.is_repeated:
         return None
+    times, table = samples.arrays
     differs = np.flatnonzero((table != table[-1]).any(axis=1))
     if not len(differs):
         return Halt(int(times[0]), math.nan)

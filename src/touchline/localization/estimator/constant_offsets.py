@@ -335,14 +335,14 @@ class ConstantOffsets:
         """
         before = _Belief(sighting.stamp_ns, self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera)
         self._velocity, more2 = corrected(self._state, self._joint, self._prior, *seen, True)
-        if not more2.any():
+        way2, heading2, turn2, is_turned = more2.tolist()
+        if not (way2 or heading2 or turn2 or is_turned):
             return
         if sighting.learned and not self._clock_set:  # another camera saw the images before: nothing has turned
             self._begin(sighting.pose, UNKNOWN)
             corrected(self._state, self._joint, self._prior, *seen, True)
             return
         turned, displaced = self._camera
-        way2, heading2, _, is_turned = more2.tolist()
         if is_turned:
             self._camera = is_turned, displaced
         elif way2 > DISPLACED_M**2 and heading2 < UNTURNED**2 and not walks:
@@ -393,6 +393,8 @@ class ConstantOffsets:
         turn, late_s = self._turn, max(self._late, self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
+        if not late_s:
+            return ""
         if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
             return f"images that are stamped {1e3 * late_s:.0f} ms late or early would explain the motion, too"
         return ""
