@@ -71,6 +71,7 @@ class SampleHistory:
         self.dropped = 0
         self._columns = columns
         self._angles = angles
+        self._arrays: tuple[IntArray, FloatArray] | None = None  # views of the newest times and table
         self.clear()
 
     def __len__(self) -> int:
@@ -96,7 +97,8 @@ class SampleHistory:
         if samples is None:
             return
         newest_ns = self._stamps_ns[-1] if self._stamps_ns else -math.inf
-        rows, self._arrays = samples.values[:, : self._columns].tolist(), None
+        self._arrays = None
+        rows = samples.values[:, : self._columns].tolist()
         for stamp_ns, row in zip(samples.stamp_ns.tolist(), rows, strict=True):
             if not (math.hypot(*row) < MAX_VALUE and stamp_ns > newest_ns):
                 self.dropped += 1
@@ -132,7 +134,7 @@ class SampleHistory:
         self._rows: list[list[float]] = []
         self._forgotten = self._copied = self._begin = 0  # samples: forgotten, copied, and forgotten before the table
         self._times, self._table = np.zeros(0, dtype=np.int64), np.zeros((0, self._columns))
-        self._arrays: tuple[IntArray, FloatArray] | None = None  # views of these
+        self._arrays = None
         self._slope: tuple[int, float, FloatArray] | None = None
 
     @property
