@@ -59,7 +59,8 @@ def _carpet_shares(image: ImageArray, pixels: IntArray, least: float, median: Fl
         b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
         total = max(b + g + r, 1.0)
         shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
-        count += g / total - 1.0 / 3.0 > least
+        if g / total - 1.0 / 3.0 > least:
+            count += 1
     for k in range(3 if count else 0):
         median[k] = median_of(shares[k, :count])
     return count
