@@ -220,11 +220,14 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
     whole, around = len(lowest), (reach + BLOCK - 1) // BLOCK
     rises, floors = np.empty(len(levels) // BLOCK + 1, np.float32), np.empty(len(levels) // BLOCK + 1, np.float32)
     rises[:], floors[:] = np.inf, -np.inf
+    before, after = lowest.copy(), lowest.copy()
+    for step in range(1, around + 1):  # of all blocks at once, by SIMD instructions
+        for block in range(whole):
+            before[block] = min(before[block], lowest[max(block - step, 0)])
+        for block in range(whole - step):
+            after[block] = min(after[block], lowest[block + step])
     for block in range(whole - around):
-        before = after = lowest[block]
-        for step in range(1, around + 1):
-            before, after = min(before, lowest[max(block - step, 0)]), min(after, lowest[block + step])
-        floors[block] = max(before, after)
+        floors[block] = max(before[block], after[block])
         rises[block] = highest[block] - floors[block]
     return floors, rises
 

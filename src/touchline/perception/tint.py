@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray, IntArray
-from touchline.perception.colour import CELLS, ColourModel, channel_sums
+from touchline.perception.colour import CELLS, ColourModel
+from touchline.perception.line_graph.sorting import median_of
 from touchline.types import ImageArray
 
 NO_TINT = np.ones(3)
@@ -28,9 +30,12 @@ class Tint:
         """Whether an image (H, W, 3) has another one. pixels (N, 2): v, u of those that see the ground; green (3,): of
         the learned carpet.
         """
-        tint, count = _tint_of(image[pixels[:, 0], pixels[:, 1]].astype(np.float64), green)
-        if count < _MIN_PIXELS:
+        usual = green / green.sum()
+        shares, least = np.empty(3), _GREENISH * (usual[1] - 1.0 / 3.0)
+        if _carpet_shares(np.ascontiguousarray(image), pixels, least, shares) < _MIN_PIXELS:
             return False
+        change = np.log(np.maximum(shares, 1e-3) / np.maximum(usual, 1e-6))
+        tint = np.exp(np.clip(change, -_MAX_TINT, _MAX_TINT))
         changed = bool(np.abs(np.log(tint / self.value)).max() > _MIN_TINT)
         self.value = tint if changed else self.value
         return changed
@@ -43,11 +48,19 @@ def tinted_model(model: ColourModel, tint: FloatArray) -> ColourModel:
     return replace(model, table=table, green=model.green * tint, white=model.white * tint, signal=model.signal / tint)
 
 
-def _tint_of(colours: FloatArray, green: FloatArray) -> tuple[FloatArray, int]:
-    """What multiplies B, G, R of the learned carpet (3,) in those of colours (N, 3) that may be it; how many are."""
-    shares, usual = colours / np.maximum(channel_sums(colours), 1.0)[:, np.newaxis], green / green.sum()
-    carpet = shares[shares[:, 1] - 1.0 / 3.0 > _GREENISH * (usual[1] - 1.0 / 3.0)]
-    if not len(carpet):
-        return NO_TINT, 0
-    change = np.log(np.maximum(np.median(carpet, axis=0), 1e-3) / np.maximum(usual, 1e-6))
-    return np.exp(np.clip(change, -_MAX_TINT, _MAX_TINT)), len(carpet)
+@njit(cache=True, error_model="numpy")
+def _carpet_shares(image: ImageArray, pixels: IntArray, least: float, median: FloatArray) -> int:
+    """Medians of the shares of B, G, R in those of pixels (N, 2) in which G's exceeds a third by more than the least,
+    into median (3,); how many these are.
+    """
+    shares, count = np.empty((3, len(pixels))), 0
+    for i in range(len(pixels)):
+        v, u = pixels[i, 0], pixels[i, 1]
+        b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
+        total = max(b + g + r, 1.0)
+        shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
+        if g / total - 1.0 / 3.0 > least:
+            count += 1
+    for k in range(3 if count else 0):
+        median[k] = median_of(shares[k, :count])
+    return count

@@ -431,7 +431,7 @@ class Integrity:
 
     def _take_proof(self, stamp_ns: int, best: Member, jump: Jump, moves: bool) -> None:
         """With a mirror, whose lines show all round, and an odometry that is trusted."""
-        motion = max(self.relation.statistics.values())
+        motion = self.relation.worst
         followed = self.relation.all_round and moves and self.verdict.odometry and not jump.elsewhere and motion < 1.0
         seconds = 1e-9 * (stamp_ns - self._before_ns)
         self._proof.update(best.filter.pose, jump.predicted if followed else None, seconds)
@@ -525,7 +525,7 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         over = bool(self.verdict.reason) and self.relation.agrees
-        in_motion = max(self.relation.statistics.values()) >= 1.0
+        in_motion = self.relation.worst >= 1.0
         if over and in_motion and not self.relation.all_round:  # a mirror's window is over within seconds
             self.relation.forget_fault()
         statistics = self.statistics = self._measured()
