@@ -284,14 +284,6 @@ class ConstantOffsets:
         self._joint[LATE, LATE], self._prior[LATE - 3], self._clock_set = late2, math.sqrt(late2), clock_set
         self._weigh()
 
-    def suspect_turn(self, turn: float, off_m: float) -> None:
-        """A pose that was followed has turned at once by so much (rad), which nothing felt, and moved by off_m."""
-        if turn < MAX_UNFELT and off_m < UNFELT_M and self._camera[0] < TURNED_UNFELT:
-            self._camera = TURNED_UNFELT, self._camera[1]
-            for a, b, sign in ((2, 2, 1.0), (3, 3, 1.0), (2, 3, -1.0), (3, 2, -1.0)):
-                self._joint[a, b] += sign * turn**2
-            self._prior[0] = math.sqrt(self._joint[TURNED, TURNED])
-
     def _take(self, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> None:
         before_ns, self._stamp_ns = self._stamp_ns, sighting.stamp_ns
         if before_ns is None and steps.walks:  # kinematics tell where a head is

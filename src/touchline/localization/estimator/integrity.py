@@ -417,10 +417,7 @@ class Integrity:
             off_m, turn = pose.distance_to(jump.predicted), abs(wrap_angle(pose.heading - jump.predicted.heading))
             if off_m > JUMP_M or turn > JUMP_RAD:
                 apart = history.gyro_apart_rad(self._seen_ns, stamp_ns)
-                unfelt = apart < UNFELT_RAD + UNFELT_RATIO * turn
-                self._lines_alone |= unfelt
-                if unfelt and turn > JUMP_RAD:
-                    self.offsets.suspect_turn(turn, off_m)
+                self._lines_alone |= apart < UNFELT_RAD + UNFELT_RATIO * turn
         self._lines_alone &= not (marked and best.explained >= GOOD_SHARE)
 
     def _take_lag(self, pose: Pose, predicted: Pose) -> None:
