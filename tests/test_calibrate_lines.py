@@ -118,6 +118,13 @@ def test_an_image_alone_has_lines_no_farther_aside_than_all_images(field: FieldM
     assert (np.abs(fit.aside_m).max() < 0.03) == by_all
 
 
+def test_a_shape_whose_ranges_do_not_grow_is_no_mirror() -> None:
+    """What a photograph through a lens makes of it."""
+    flat = MirrorShape(np.array([*CENTER, np.log(SCALE_M), 0.0, 0.0, 0.0]), 1, 5.0, np.zeros(2))
+    with pytest.raises(NoFitError, match="--model pinhole or fisheye"):
+        flat.camera((640, 480), 30.0, 200.0)
+
+
 def test_few_points_in_each_of_four_images_tell_together_what_none_tells_alone(field: FieldModel) -> None:
     rng = np.random.default_rng(1)
     images = [seen_pixels(field, Pose(2.0, 1.0, h), rng)[rng.permutation(200)[:30]] for h in (0.0, 1.5, 3.0, 4.5)]

@@ -175,10 +175,25 @@ def test_all_poses_are_looked_for_again_where_a_closer_look_refutes_some(
     assert asked[:2] == [6, 0]
 
 
+@pytest.mark.parametrize(
+    ("lean_deg", "reason"), [(2.2, "the body leans by 2.2°"), (0.3, "don't tell the camera's roll")]
+)
+def test_what_stays_open_is_named_with_its_cause(lean_deg: float, reason: str) -> None:
+    """Eight images of a body that sways by so much leave the mean of its rolls open, whatever they show."""
+    fit = fit_of(TRUE, POSES, [1.0] * 6)
+    fit.covariance[ROLL, ROLL] = math.radians(1.0) ** 2
+    swayed = fit._replace(learned=Learned(math.radians(lean_deg), 0.3, 0.002))
+    found = perspective_lines.PerspectiveLines(camera_at("pinhole", SIZE, TRUE), swayed, tuple(range(6)), ())
+    with pytest.raises(NoFitError, match=reason):
+        perspective_lines._check(found, 6)
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_too_few_lines_are_refused(count: int) -> None:
     images = [np.full((SIZE[1], SIZE[0], 3), (60, 120, 40), dtype=np.uint8)] * count
-    with pytest.raises(NoFitError, match=f"fewer than 6 lines are seen in these {count} images"):
+    with pytest.raises(
+        NoFitError, match="fewer than 6 lines are seen in " + ("1 image," if count == 1 else "3 images,")
+    ):
         calibrate_perspective_lines(images, FIELD, "pinhole")
 
 

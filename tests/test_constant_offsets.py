@@ -41,11 +41,14 @@ def driven(
     gyro: float | None = None,
     along_m: float = 0.01,
     found_anew: int = 0,
+    until: int = 1_000,
+    learned: bool = False,
 ) -> ConstantOffsets:
     """Drive with changing speed and turns; each image shows the robot's pose composed with an offset; outliers: images
     that show it elsewhere. blurred: whether they may. since: the first image with the offset. gyro: its share of the
     turns that the odometry tells; None: there is none. along_m: standard deviation along x of images with an offset.
-    found_anew: the image from which the robot was found anew.
+    found_anew: the image from which the robot was found anew. until: the first image without the offset again; learned:
+    whether it teaches that those before were seen by another camera.
     """
     rng, history, offsets = np.random.default_rng(3), MotionHistory(), ConstantOffsets()
     offsets.reset()
@@ -67,12 +70,13 @@ def driven(
             rates = Samples(samples.stamp_ns, np.outer(turning, [0.0, 0.0, 1.0]))
         history.add(Frame(round(1e9 * (seconds + 1.0)), odometry=samples, gyro=rates))
         seen: FloatArray = pose_at(seconds + 1.0 - late_s).compose(
-            offset if k >= since else Pose(0.0, 0.0, 0.0)
+            offset if since <= k < until else Pose(0.0, 0.0, 0.0)
         ).as_array() + rng.normal(0, 0.005, 3)
         covariance = np.diag(np.square([along_m if k >= since else 0.01, 0.01, 0.005]))
         if k in outliers:
             seen += np.array([0.3, -0.4, 0.3])
-        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, k in (0, found_anew), blurred)
+        begun, taught = k in (0, found_anew), learned and k == until
+        sighting = Sighting(round(1e9 * (seconds + 1.0)), seen, covariance, 1.0, 0.0, begun, blurred, taught)
         offsets.update(sighting, history, StepNoise(walks=False), corrected_s)
     return offsets
 
@@ -81,6 +85,13 @@ def driven(
 def test_a_turned_camera_is_within_the_bound_and_the_bound_is_tight(turn_deg: float) -> None:
     turn = driven(Pose(0.0, 0.0, math.radians(turn_deg))).bound[1]
     assert math.radians(abs(turn_deg)) < turn < math.radians(abs(turn_deg) + 3.0)
+
+
+def test_a_camera_that_is_learned_anew_has_not_turned() -> None:
+    """The first images lay ten degrees off, by an attitude that nobody knew: without a word that is a turned camera."""
+    off, until = Pose(0.0, 0.0, math.radians(10.0)), 8
+    assert driven(off, gyro=1.0, until=until, learned=True).bound[1] < math.radians(1.0)
+    assert driven(off, gyro=1.0, until=until).bound[1] > math.radians(1.5)
 
 
 def test_a_displaced_camera_is_found_in_turns() -> None:

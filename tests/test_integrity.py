@@ -16,12 +16,15 @@ from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
 from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.bank import Member
 from touchline.localization.estimator.field_proof import FieldProof
+from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.integrity import GYRO_RATIO, Jump, Verdict, _unseen_rad
 from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import AGREEING, MAX_COST, WINDOW, Culprit, MotionRelation
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import MAX_SIGMA_M, UNKNOWN_M, Sighting, _told_alone
+from touchline.localization.registration.joint import StateFit
 from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed, with_signs
 from touchline.motion.odometry import Motion
@@ -172,12 +175,29 @@ def test_a_pose_found_in_the_own_half_counts_once_two_images_agree_and_one_that_
     found, follows, elsewhere = Jump(None, True), Jump(here, False), Jump(here, True)
     confirmed = []
     for jump, share in ((found, 1.0), (follows, 0.9), (follows, 0.7), (follows, 0.9), (follows, 0.9), (follows, 0.7)):
-        integrity._confirm(jump, True, False, share)
+        integrity._confirm(jump, True, False, explaining(here, share))
         confirmed.append(integrity.confirmed)
     assert confirmed == [False, False, False, False, True, True]
     for jump in (elsewhere, follows, follows):
-        integrity._confirm(jump, True, False, 1.0)
+        integrity._confirm(jump, True, False, explaining(here, 1.0))
     assert integrity.confirmed
+
+
+def explaining(pose: Pose, share: float) -> Member:
+    """A hypothesis that explains so much of its image."""
+    nothing, initial = np.zeros((3, 3)), open_system("touchline", match().setup).initial  # type: ignore[attr-defined]
+    fit = StateFit(pose.as_array(), nothing, np.zeros(3), share, 1.0, 1.0, 0.0, 0.0, 0.0)
+    return Member(Filter(pose, np.eye(3), initial), 0.0, fit=fit)
+
+
+@pytest.mark.parametrize(("found", "by_turns"), [(Pose(0.4, -0.5, 0.2), False), (Pose(0.0, 3.0, 0.0), True)])
+def test_a_given_pose_that_is_half_a_metre_off_needs_no_turns_to_be_confirmed(found: Pose, by_turns: bool) -> None:
+    """Mirrored images would show it elsewhere: only where these may be is a robot that drives ahead not enough."""
+    integrity = open_system("touchline", match().setup).safeguard.integrity  # type: ignore[attr-defined]
+    integrity.reset(confirmed=True, given=True)
+    integrity._confirm(Jump(Pose(0.0, 0.0, 0.0), True), True, False, explaining(found, 1.0))
+    assert not integrity.confirmed
+    assert integrity._contradicted is by_turns
 
 
 def related(

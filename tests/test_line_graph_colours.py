@@ -36,7 +36,7 @@ from touchline.perception.line_graph.colour_classes import (
     suppress_fringes,
 )
 from touchline.perception.line_graph.colour_memory import ColourMemory
-from touchline.perception.line_graph.contrast import learn_contrast
+from touchline.perception.line_graph.contrast import learn_contrast, white_blocks
 from touchline.perception.line_graph.field_lines import FoundLines, _without_faint
 from touchline.perception.line_graph.image_plane import image_plane
 from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank_cells
@@ -126,6 +126,17 @@ def test_shaded_paint_in_the_colour_of_sunlit_carpet_is_found_by_the_carpet_besi
         found[v, u] = 1
         columns = (paint & part).any(axis=0)
         assert (cv2.dilate(found, np.ones((1, 13), np.uint8)) & part).any(axis=0)[columns].mean() > 0.9
+
+
+@pytest.mark.parametrize(("floor", "is_line"), [((70, 72, 75), True), ((170, 168, 165), False)])
+def test_paint_beside_a_dark_floor_is_white(floor: tuple[int, ...], is_line: bool) -> None:
+    """A touch line with carpet on one side alone, and the brink of a pale floor, which is as white but no line."""
+    blocks = np.empty((60, 60, 3), dtype=np.float32)
+    blocks[:, :30], blocks[:, 30:33], blocks[:, 33:] = (110, 150, 120), (200, 200, 200), floor
+    white = white_blocks(blocks, np.full((60, 2), 4), 0.15)
+    assert bool(white[10:50, 30:33].all()) is is_line
+    assert not white[:, :29].any()
+    assert not white[:, 34:].any()
 
 
 def test_where_colours_tell_paint_the_carpet_beside_it_is_not_asked() -> None:

@@ -165,3 +165,6 @@ def test_the_command_takes_a_photograph_with_features(
     assert "--attitude ROLL,PITCH" in capsys.readouterr().err
     assert main([*heeding, "--attitude", "0,0"]) == 0
     assert json.loads(capsys.readouterr().out)["pose"] == pose
+    for given, reason in (("5", "got '5'"), ("1,2", "in radians"), ("nan,0", "in radians"), ("a,b", "got 'a,b'")):
+        assert main([*heeding, "--attitude", given]) == 2
+        assert reason in capsys.readouterr().err

@@ -24,7 +24,7 @@ from touchline.perception.covered import is_covered
 from touchline.perception.field_boundary import green_ends, inside_green
 from touchline.perception.path_samples import BODY, PathSamples, no_samples, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
-from touchline.perception.self_learning import FirstImages
+from touchline.perception.self_learning import FirstImages, LearningPaper, LearningSettings
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
@@ -217,6 +217,23 @@ def test_self_learning_skips_covered_images_and_follows_the_light(cross_image: I
     counts = [len(detector.observe(Frame(20 + k, tinted)).points) for k in range(12)]
     assert usual >= 80
     assert counts[-1] >= 0.9 * usual
+
+
+@pytest.mark.parametrize("tint", [(1.35, 1.0, 0.7), (0.7, 1.0, 1.3)])
+def test_the_tint_of_the_light_is_followed_from_image_to_image(
+    cross_image: ImageArray, tint: tuple[float, ...]
+) -> None:
+    """A cloud, or the evening: the first such image shows the lines, and so does the first one after it."""
+    tinted = np.clip(0.6 * cross_image * tint, 0, 255).astype(np.uint8)
+    counts = {}
+    for again in (True, False):
+        detector = SelfLearningDetector(CAMERA, None, LearningSettings(frames=1, paper=LearningPaper(again=again)))
+        counts[again] = [
+            len(detector.observe(Frame(k, each)).points) for k, each in enumerate((cross_image, tinted) * 2)
+        ]
+    usual = counts[True][0]
+    assert min(counts[True]) > 0.9 * usual
+    assert counts[False][1] < 0.5 * usual
 
 
 def test_points_that_a_frame_brings_are_taken_as_they_are() -> None:

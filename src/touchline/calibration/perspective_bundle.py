@@ -246,14 +246,14 @@ def fit_perspective(
     state[bundle.camera] = start
     for width_m in [width for width in _WIDTHS_M if not again or width <= _NEAR_M]:
         now = bundle.linearise(state, learned, width_m)
+        next_learned = bundle.learn(state, learned, now) if width_m < _FAR_M else learned
         for _ in range(_TRIALS):
             trial = state + NormalEquations(now.blocks, damping).step()
             if bundle.cost(bundle.look(trial, learned, width_m), now.doubts, trial, learned) < now.cost:
                 state, damping = trial, 0.1 * damping
                 break
             damping *= 10.0
-        if width_m < _FAR_M:
-            learned = bundle.learn(state, learned, now)
+        learned = next_learned
     last = bundle.linearise(state, learned, _WIDTHS_M[-1])
     off = np.concatenate([one.off for one in last.seen])
     return PerspectiveFit(

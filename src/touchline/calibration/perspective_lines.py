@@ -31,6 +31,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import PoseSearch
+from touchline.messages import counted
 from touchline.perception.line_graph.patches import line_graph_detector
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.types import ImageArray, Observation
@@ -173,8 +174,8 @@ class _Calibration:
                 break
         if not fits:
             raise failed or NoFitError(
-                f"fewer than {MIN_LINES} lines are seen in these {len(looks[0])} images, twenty are better: add images "
-                "from places where the centre circle, a penalty area or a corner is in view"
+                f"fewer than {MIN_LINES} lines are seen in {counted(len(looks[0]), 'image')}, twenty are better: add "
+                "images from places where the centre circle, a penalty area or a corner is in view"
             )
         return min(fits, key=lambda each: each.cost)
 
@@ -202,9 +203,19 @@ def _check(found: PerspectiveLines, images: int) -> None:
             f"the field's lines would have to lie {100 * paint_m:.1f} cm beside where its file has them: "
             "measure its sizes, or add images from other places"
         )
-    open_ones = [NAMES[k] for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
+    open_ones = [k for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
+    names = " and ".join(NAMES[k] for k in open_ones)
+    lean_rad = found.fit.learned.lean_rad
+    swaying = [
+        k for k in open_ones if k in {ROLL, PITCH} and lean_rad**2 > 0.5 * len(found.used) * found.deviations[k] ** 2
+    ]
+    if swaying:
+        raise NoFitError(
+            f"the body leans by {math.degrees(lean_rad):.1f}° from image to image (a standard deviation), so "
+            f"{len(found.used)} images leave the camera's {names} open: let the robot stand still, or add images"
+        )
     if open_ones:
         raise NoFitError(
-            f"these images don't tell the camera's {' and '.join(open_ones)}: add images from other places, with the "
+            f"these images don't tell the camera's {names}: add images from other places, with the "
             "centre circle, a penalty area or a corner in view"
         )

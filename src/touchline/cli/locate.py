@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Iterator
@@ -152,7 +153,8 @@ def _seen(source: Path, camera: Path | None, field: FieldModel, attitude: str | 
 def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
     """The camera as it was at an image, roll and pitch (rad) of its body as given."""
     from touchline.camera import PerspectiveCamera, pose_in_base
-    from touchline.given import given_numbers
+    from touchline.camera.ground_view import MAX_LEAN_RAD
+    from touchline.given import refused
 
     if attitude is None and isinstance(camera, PerspectiveCamera) and camera.use_attitude:
         raise InputError(
@@ -162,10 +164,13 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
     if attitude is None or not isinstance(camera, PerspectiveCamera):
         return camera
     try:
-        values = [float(value) for value in attitude.split(",")]
+        roll, pitch = (float(value) for value in attitude.split(","))
     except ValueError:
-        values = []
-    roll, pitch = given_numbers("--attitude", "roll and pitch (rad), as 0.01,-0.02", values, 2)
+        raise refused("--attitude", "roll and pitch of the body (rad), as 0.01,-0.02", attitude) from None
+    if not math.hypot(roll, pitch) <= MAX_LEAN_RAD:
+        raise InputError(
+            f"--attitude {attitude}: no robot leans so far; roll and pitch are in radians, a degree is 0.017"
+        )
     pose = pose_in_base(camera, None, roll, pitch)
     return camera if pose is None else replace(camera, base_from_camera=pose, use_attitude=False)
 

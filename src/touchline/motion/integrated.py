@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
+_EXTRAPOLATION_NS = int(EXTRAPOLATION_S * NANOSECONDS)
+
 
 class IntegratedSensor:
     """The integral of a sensor at the stamps of its samples.
@@ -25,10 +27,10 @@ class IntegratedSensor:
         """Pieces between two stamps in which nothing is known of the sensor: first and last stamp of each."""
         if len(self.samples) == 0:
             return [(start_ns, end_ns)]
-        outside = [
-            (start_ns, self.samples.first_ns),
-            (self.samples.last_ns + int(EXTRAPOLATION_S * NANOSECONDS), end_ns),
-        ]
+        first_ns, until_ns = self.samples.first_ns, self.samples.last_ns + _EXTRAPOLATION_NS
+        if first_ns <= start_ns and end_ns <= until_ns and not self._gaps_ns:  # nearly always
+            return []
+        outside = (start_ns, first_ns), (until_ns, end_ns)
         pieces = ((max(first, start_ns), min(last, end_ns)) for first, last in (*outside, *self._gaps_ns))
         return [(first, last) for first, last in pieces if first < last]
 

@@ -105,7 +105,7 @@ def moved(times, table, start_ns, end_ns, scales):  # type: ignore[no-untyped-de
     covariance[0, 0] = (scales[0] * step[0]) ** 2 + position
     covariance[1, 1] = (scales[1] * step[1]) ** 2 + position
     covariance[2, 2] = (scales[2] * turns_rad) ** 2 + heading + (UNKNOWN_TURN_RAD_S * missing_s) ** 2
-    return step, covariance, missing_s
+    return (step[0], step[1], step[2]), covariance, missing_s
 
 
 class Halt(NamedTuple):
@@ -119,9 +119,9 @@ def halt_of(samples: SampleHistory) -> Halt | None:
     """Whether the newest samples repeat themselves to the bit, and the last step before was in full motion: an odometry
     fails so, a robot stops in several steps. None if not; no speed (NaN) where no sample known is another one.
     """
-    times, table = samples.arrays
-    if len(times) < 2 or (table[-1] != table[-2]).any():
+    if not samples.is_repeated:
         return None
+    times, table = samples.arrays
     differs = np.flatnonzero((table != table[-1]).any(axis=1))
     if not len(differs):
         return Halt(int(times[0]), math.nan)
@@ -150,7 +150,7 @@ class Odometry:
         Before the first sample and beyond the end of the extrapolation it stands still, for all that is known.
         """
         step, covariance, missing_s = moved(*self.samples.arrays, start_ns, end_ns, self.settings.scales)
-        return Motion(Pose(*step.tolist()), covariance, missing_s)
+        return Motion(Pose(*step), covariance, missing_s)
 
     def pose_at(self, stamp_ns: int) -> Pose:
         """Pose in the odometry frame, carried on a little beyond the newest sample."""

@@ -71,6 +71,7 @@ class SampleHistory:
         self.dropped = 0
         self._columns = columns
         self._angles = angles
+        self._arrays: tuple[IntArray, FloatArray] | None = None  # views of the newest times and table
         self.clear()
 
     def __len__(self) -> int:
@@ -96,6 +97,7 @@ class SampleHistory:
         if samples is None:
             return
         newest_ns = self._stamps_ns[-1] if self._stamps_ns else -math.inf
+        self._arrays = None
         rows = samples.values[:, : self._columns].tolist()
         for stamp_ns, row in zip(samples.stamp_ns.tolist(), rows, strict=True):
             if not (math.hypot(*row) < MAX_VALUE and stamp_ns > newest_ns):
@@ -112,6 +114,7 @@ class SampleHistory:
         """Append one sample that is finite and later than the newest."""
         self._stamps_ns.append(stamp_ns)
         self._rows.append(row)
+        self._arrays = None
 
     def stamps_within(self, start_ns: int, end_ns: int) -> list[int]:
         """Stamps of the samples after one stamp and before another, in the order of time."""
@@ -123,6 +126,7 @@ class SampleHistory:
         if old > 0:
             del self._stamps_ns[:old], self._rows[:old]
             self._forgotten += old
+            self._arrays = None
 
     def clear(self) -> None:
         """Forget all samples."""
@@ -130,11 +134,14 @@ class SampleHistory:
         self._rows: list[list[float]] = []
         self._forgotten = self._copied = self._begin = 0  # samples: forgotten, copied, and forgotten before the table
         self._times, self._table = np.zeros(0, dtype=np.int64), np.zeros((0, self._columns))
+        self._arrays = None
         self._slope: tuple[int, float, FloatArray] | None = None
 
     @property
     def arrays(self) -> tuple[IntArray, FloatArray]:
         """Stamps (N,) and values (N, columns), not to be changed."""
+        if self._arrays is not None:
+            return self._arrays
         end = self._forgotten + len(self)
         if end - self._begin > len(self._times):
             self._begin = self._copied = self._forgotten
@@ -146,7 +153,13 @@ class SampleHistory:
             self._table[new] = self._rows[new.start - new.stop :]
             self._copied = end
         known = slice(self._forgotten - self._begin, end - self._begin)
-        return self._times[known], self._table[known]
+        self._arrays = self._times[known], self._table[known]
+        return self._arrays
+
+    @property
+    def is_repeated(self) -> bool:
+        """Whether the newest sample has the values of the one before."""
+        return len(self._rows) > 1 and self._rows[-1] == self._rows[-2]
 
     def at(self, stamp_ns: int) -> list[float]:
         """Values (columns,) by linear interpolation; before the first and after the last sample, that sample's."""

@@ -19,6 +19,7 @@ from touchline.types import ImageArray
 
 OTHER, GREEN, WHITE = 0, 1, 2
 _BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
+CELLS = 1 << _BITS  # along each of its axes
 _DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave no colour
 SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
 _MIN_GREEN_TO_BLUE = (0.95, 0.8)  # of G against B of carpet: the second where a blue cast leaves none for the first

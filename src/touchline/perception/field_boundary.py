@@ -41,12 +41,10 @@ def green_ends(
         low, high = starts[2 * ray], starts[2 * ray + 1]
         last, missing = 0, 0
         for k in range(high - low):
-            if classes[low + k] == GREEN:
+            at = np.uint64(low + k)  # unsigned: none can count from the end
+            if classes[at] == GREEN:
                 last, missing = k, 0
-            elif (
-                classes[low + k] != BODY
-                and min(values[0, low + k], values[1, low + k], values[2, low + k]) < OVEREXPOSED
-            ):
+            elif classes[at] != BODY and min(values[0, at], values[1, at], values[2, at]) < OVEREXPOSED:
                 missing += 1
                 if missing > gaps[min(k, len(gaps) - 1)]:
                     break

@@ -51,6 +51,7 @@ from touchline.perception.stages import (
     painted,
     points_picture,
 )
+from touchline.perception.tint import Tint, tinted_model
 from touchline.perception.transitions import find_transitions
 from touchline.types import ImageArray, LinePoints
 
@@ -70,6 +71,8 @@ COARSEST_PX_M = 0.25
 SHORT_CHORD = 1.3
 WIDER_PAINT = 1.4  # so many times the width that is set the paint must look before it is taken to be wider
 BAND = 2.2  # white beside the robot so many times longer than wide is a line, if it is not wider than two: no panel
+NEAR_SHARE = 0.65  # of the reach: nearer it is mostly carpet
+TINT_EVERY_PX = 10  # of these pixels, both ways, that tell the light's tint
 NEAR_M = 3.0  # where blur adds little to a line's width
 FIELD_GAP_M = 0.6  # a gap in the green longer than this ends the field: wider than any line in blur and shadow
 NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no pixel: carpet, calibration
@@ -143,6 +146,10 @@ class LinePointDetector:
         )
         self._see_body(np.zeros((mirror.height, mirror.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
+        self._learned: ColourModel | None = None
+        self._tint = Tint()
+        ring = (self._radius_px > mirror.inner_radius_px) & (self._radius_px < NEAR_SHARE * self.outer_px)
+        self._carpet = TINT_EVERY_PX * np.argwhere(ring[::TINT_EVERY_PX, ::TINT_EVERY_PX])
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
         self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, FIELD_GAP_M)
         self._smoothing_px = 0.0
@@ -160,7 +167,7 @@ class LinePointDetector:
             check_size(image, self.camera)
         radius_px = self._radius_px
         beyond = radius_px > self.camera.inner_radius_px
-        near, around = (beyond & (radius_px < share * self.outer_px) for share in (0.65, 0.9))
+        near, around = (beyond & (radius_px < share * self.outer_px) for share in (NEAR_SHARE, 0.9))
         noise = pixel_noise(images, near)
         smoothing_px = smoothing_for(noise)
         smooth = [smoothed(image, smoothing_px) for image in images]
@@ -177,6 +184,7 @@ class LinePointDetector:
             self.colours = colour_model(carpet, white)
         self._noise = signal_noise(smooth, near, self.colours)
         self._see_body(self._own_body(smooth))
+        self._know(self.colours)
 
     def use_colours(self, colours: ColourModel, images: Sequence[ImageArray] = ()) -> None:
         """Take a learned or loaded colour table instead of learning one; `learn` would replace it.
@@ -186,7 +194,7 @@ class LinePointDetector:
         """
         for image in images:
             check_size(image, self.camera)
-        self.colours = colours
+        self._know(colours)
         self._smoothing_px = smoothing_for(colours.noise)
         self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, SMOOTH_NOISE)
         smooth = [smoothed(image, self._smoothing_px) for image in images]
@@ -194,9 +202,18 @@ class LinePointDetector:
 
     def forget(self) -> None:
         """Forget colours and body."""
-        self.colours = None
+        self._know(None)
         self._smoothing_px = 0.0
         self._see_body(np.zeros_like(self.body))
+
+    def follow(self, image: ImageArray) -> None:
+        """Take on the tint that an image (H, W, 3) gives the carpet."""
+        if self._learned is not None and self._tint.follow(image, self._carpet, self._learned.green):
+            self.colours = tinted_model(self._learned, self._tint.value)
+
+    def _know(self, colours: ColourModel | None) -> None:
+        self.colours = self._learned = colours
+        self._tint.forget()
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""

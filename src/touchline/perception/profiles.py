@@ -78,7 +78,7 @@ def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
     count, carpet = FLANK_PX, limits.carpet
     level = blue = green = red = 0.0
     for m in range(count):
-        k = first + step * m
+        k = first + step * np.uint64(m)
         blue += values[0, k]
         green += values[1, k]
         red += values[2, k]
@@ -100,7 +100,7 @@ def _flank(values, classes, first, step, number):  # type: ignore[no-untyped-def
     level, darkest, brightest = 0.0, np.float32(np.inf), np.float32(0.0)
     blue = green = red = 0.0
     for m in range(FLANK_PX):
-        k = first + step * m
+        k = first + step * np.uint64(m)
         if number < FLANK_PX and classes[k] != GREEN:
             continue
         level += values[LEVEL, k]
@@ -120,34 +120,35 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     `FLANK_PX` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
     the scan line, and the first beyond it.
     """
-    top, count = values[LEVEL, peak], FLANK_PX
+    # unsigned places, here and in what these call: none counts from the end, for which each look-up would be tested
+    top, count, leap = values[LEVEL, np.uint64(peak)], FLANK_PX, np.uint64(step)
     least, dim = 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
     foot, base, steps = -1, np.inf, 0
     found_blue = found_green = found_red = 0.0
     for m in range(1, min(limits.max_run_px + 1, room) + 1):
-        k = peak + step * m
+        k = np.uint64(peak + step * m)
         if foot < 0 and m >= limits.max_run_px:
             break
         if foot < 0 and top - values[LEVEL, k] < least:
             continue
         number = 0
         for n in range(count):
-            number += classes[k + step * n] == GREEN
+            number += classes[k + leap * np.uint64(n)] == GREEN
         if number * 4 >= count * 3:
-            level, blue, green, red = _flank(values, classes, k, step, number)
+            level, blue, green, red = _flank(values, classes, k, leap, number)
             total, carpet = blue + green + red, limits.carpet  # in little light the noise makes single greys green
             if total < _DUSK * dim and np.hypot(blue / total - carpet.blue, red / total - carpet.red) > carpet.palest:
                 level = np.nan
         elif values[0, k] + values[1, k] + values[2, k] <= dim:  # hardly ever
-            level, blue, green, red = _dim_flank(values, k, step, limits)
+            level, blue, green, red = _dim_flank(values, k, leap, limits)
         else:
             level = blue = green = red = np.nan
         if foot < 0 and not top - level >= least:
             continue
         if foot >= 0 and not level < base:
             break
-        foot, base, steps = k, level, steps + 1
+        foot, base, steps = peak + step * m, level, steps + 1
         found_blue, found_green, found_red = blue, green, red
         if steps == 3:
             break
@@ -160,18 +161,18 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
 
     What contrasts with both is a line: the level of its foot is that of the darkest of three flanks.
     """
-    top, count = values[LEVEL, peak], FLANK_PX
+    top, count, leap = values[LEVEL, np.uint64(peak)], FLANK_PX, np.uint64(step)
     carpet = beside[0] + beside[1] + beside[2]
     foot, base, steps = -1, np.inf, 0
     blue = green = red = 0.0
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
     for m in range(1, min(limits.max_run_px, room) + 1):
-        k = peak + step * m
+        k = np.uint64(peak + step * m)
         if top - values[LEVEL, k] < 0.5 * limits.min_contrast:
             continue
         darkest, brightest, own = np.inf, 0.0, False
         for n in range(count):
-            j = k + step * n
+            j = k + leap * np.uint64(n)
             own = own or classes[j] == BODY or classes[j] == GREEN
             total = values[0, j] + values[1, j] + values[2, j]
             darkest, brightest = min(darkest, total), max(brightest, total)
@@ -179,7 +180,7 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
         dark = even and not own and brightest <= _DARK * carpet
         level = mean_blue = mean_green = mean_red = 0.0
         for n in range(count if dark else 0):
-            j = k + step * n
+            j = k + leap * np.uint64(n)
             level += values[LEVEL, j] / count
             mean_blue += values[0, j] / count
             mean_green += values[1, j] / count
@@ -190,7 +191,7 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
             continue
         if not level < base or top - level < 0.5 * limits.min_contrast:
             break
-        foot, base, steps = k, level, steps + 1
+        foot, base, steps = peak + step * m, level, steps + 1
         blue, green, red = mean_blue, mean_green, mean_red
         if steps == 3:
             break
@@ -219,11 +220,14 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
     whole, around = len(lowest), (reach + BLOCK - 1) // BLOCK
     rises, floors = np.empty(len(levels) // BLOCK + 1, np.float32), np.empty(len(levels) // BLOCK + 1, np.float32)
     rises[:], floors[:] = np.inf, -np.inf
+    before, after = lowest.copy(), lowest.copy()
+    for step in range(1, around + 1):  # of all blocks at once, by SIMD instructions
+        for block in range(whole):
+            before[block] = min(before[block], lowest[max(block - step, 0)])
+        for block in range(whole - step):
+            after[block] = min(after[block], lowest[block + step])
     for block in range(whole - around):
-        before = after = lowest[block]
-        for step in range(1, around + 1):
-            before, after = min(before, lowest[max(block - step, 0)]), min(after, lowest[block + step])
-        floors[block] = max(before, after)
+        floors[block] = max(before[block], after[block])
         rises[block] = highest[block] - floors[block]
     return floors, rises
 
@@ -244,11 +248,11 @@ def _falls(levels, peak, distances, least, span):  # type: ignore[no-untyped-def
 
     All distances are tried: where the level falls is more than a processor can predict.
     """
-    before = after = False
+    before, after, top = False, False, levels[np.uint64(peak)]
     for k in range(len(distances)):
         low, high = peak - distances[k], peak + distances[k]
-        before |= levels[peak] - levels[low if low >= span[0] else peak] >= least
-        after |= levels[peak] - levels[high if high < span[1] else peak] >= least
+        before |= top - levels[np.uint64(low if low >= span[0] else peak)] >= least
+        after |= top - levels[np.uint64(high if high < span[1] else peak)] >= least
     return before and after
 
 
@@ -258,18 +262,21 @@ def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
 
     `step` leads from the foot to the peak. The paint's height is that near this edge: its light may vary along the way.
     """
-    k, m = foot, foot
+    levels, k, m = values[LEVEL], foot, foot
+    top = levels[np.uint64(foot)]
     while m != peak and abs(m - foot) < 8:
         m += step
-        if values[LEVEL, m] > values[LEVEL, k]:
-            k = m
-    if values[LEVEL, k] <= base:
+        level = levels[np.uint64(m)]
+        if level > top:
+            k, top = m, level
+    if top <= base:
         return -1.0
-    half = 0.5 * (base + values[LEVEL, k])
+    half = 0.5 * (base + top)
     for _ in range(12):
         k -= step
-        if values[LEVEL, k] <= half:
-            return k + step * (half - values[LEVEL, k]) / (values[LEVEL, k + step] - values[LEVEL, k])
+        level = levels[np.uint64(k)]
+        if level <= half:
+            return k + step * (half - level) / (levels[np.uint64(k + step)] - level)
     return -1.0
 
 

@@ -73,8 +73,8 @@ class LearningPaper(Settings):
     again: bool = added(
         True,
         paper=False,
-        description="colours are learned again when the green fades: the light has changed; false: what was learned "
-        "first stays, as the papers' colours, which are calibrated before a game",
+        description="colours follow the light's tint, and are learned again when the green fades; false: what was "
+        "learned first stays, as the papers' colours, which are calibrated before a game",
     )
 
 
@@ -134,6 +134,8 @@ class SelfLearningDetector:
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
         detector = self.detector
+        if self.settings.paper.again:
+            detector.follow(image)
         points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)
         if self._kept is None and self.settings.paper.again and self._first.watch(detector.green_share):
             self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave

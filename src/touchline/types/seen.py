@@ -44,11 +44,11 @@ class _Seen:
 
     def __post_init__(self) -> None:
         count = len(self)
-        wrong = [
-            f"{name} {(count, *rest)}, got {getattr(self, name).shape}"
-            for name, rest in self.SHAPES.items()
-            if getattr(self, name).shape != (count, *rest)
-        ]
+        wrong = []
+        for name, rest in self.SHAPES.items():
+            shape = getattr(self, name).shape
+            if shape != (count, *rest):
+                wrong.append(f"{name} {(count, *rest)}, got {shape}")
         if wrong:
             raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
         unknown = set(getattr(self, "kinds", _ALL).tolist()).difference(self.KINDS) if self.KINDS else ()

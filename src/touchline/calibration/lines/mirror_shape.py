@@ -15,6 +15,7 @@ from touchline.calibration.lines.equations import (
     STEEPEST_RAD,
 )
 from touchline.camera import OmniCamera
+from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, longest_run, wrap_angles
 
 _DIRECTIONS = 72
@@ -71,7 +72,10 @@ class MirrorShape:
         return (upright + HEIGHT_M**2 * self.bend_per_m) / depth - self.origin_m
 
     def camera(self, size: tuple[int, int], inner_px: float, outer_px: float, mount_yaw_rad: float = 0.0) -> OmniCamera:
-        """The camera of images of a size (width, height) whose robot ends at inner_px and whose ground at outer_px."""
+        """The camera of images of a size (width, height) whose robot ends at inner_px and whose ground at outer_px.
+
+        Raises NoFitError for a shape that is no mirror's.
+        """
         radii = np.arange(np.floor(0.8 * inner_px), np.ceil(outer_px) + _STEP_PX, _STEP_PX)
         level = self.upright_px is None and not np.any(self.bend_per_m) and not np.any(self.origin_m)
         bearings = np.zeros(1) if level else 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
@@ -84,6 +88,11 @@ class MirrorShape:
         fine = (np.abs(offsets) < _MAX_OFFSET_RAD).all(axis=0)
         fine &= np.concatenate(([True], (np.diff(ranges, axis=1) > _MIN_RISE_M).all(axis=0)))
         first, last = longest_run(fine)
+        if last - first < 2:
+            raise NoFitError(
+                "the lines fit no mirror, through which ranges grow from its middle outwards: a camera that looks "
+                "through a lens alone needs --model pinhole or fisheye"
+            )
         kept = slice(first, last)
         rows = np.mod(bearings + mount_yaw_rad, 2.0 * np.pi)
         order = np.argsort(rows)

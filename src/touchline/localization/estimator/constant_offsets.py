@@ -119,13 +119,13 @@ def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # ty
     off2, weight = expected[2, 2], inverse(expected)
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
-            return velocity, np.full(4, -1.0)
+            return velocity, (-1.0, -1.0, -1.0, -1.0)
         # a lone line: the pose slides along it, but does not turn
         alone = spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
         way2, turn2 = 0.0 if alone else off[0] ** 2 + off[1] ** 2, off[2] ** 2
         unfelt = is_unfelt(off[2], off2, way2, felt.apart_rad, velocity[2] - felt.rate_rad_s)
         if alone and not (unfelt and turn2 > TURN**2):
-            return velocity, grown
+            return velocity, (0.0, 0.0, 0.0, 0.0)
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
@@ -147,7 +147,7 @@ def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # ty
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
-    return velocity, grown
+    return velocity, (grown[0], grown[1], grown[2], grown[3])
 
 
 @njit(cache=True, error_model="numpy")
@@ -336,10 +336,14 @@ class ConstantOffsets:
         """
         before = _Belief(sighting.stamp_ns, self._state.copy(), self._joint.copy(), self._prior.copy(), self._camera)
         self._velocity, more2 = corrected(self._state, self._joint, self._prior, *seen, True)
-        if not more2.any():
+        way2, heading2, turn2, is_turned = more2
+        if not (way2 or heading2 or turn2 or is_turned):
+            return
+        if sighting.learned and not self._clock_set:  # another camera saw the images before: nothing has turned
+            self._begin(sighting.pose, UNKNOWN)
+            corrected(self._state, self._joint, self._prior, *seen, True)
             return
         turned, displaced = self._camera
-        way2, heading2, _, is_turned = more2.tolist()
         if is_turned:
             self._camera = is_turned, displaced
         elif way2 > DISPLACED_M**2 and heading2 < UNTURNED**2 and not walks:
@@ -390,6 +394,8 @@ class ConstantOffsets:
         turn, late_s = self._turn, max(self._late, self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
+        if not late_s:
+            return ""
         if late_s * self._speed > MAX_LATE_M or late_s * abs(self._newest[2]) > MAX_LATE_RAD:
             return f"images that are stamped {1e3 * late_s:.0f} ms late or early would explain the motion, too"
         return ""

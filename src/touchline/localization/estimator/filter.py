@@ -161,7 +161,7 @@ class Filter:
             self._joint, self.pose.as_array(), self.scales, moved.motion.pose.as_array(), moved.by_delay, noise,
             seconds, self._drift2,
         )  # fmt: skip
-        more_x, more_y, turn = ((self.delay_s - moved.late_s) * by_delay).tolist()
+        more_x, more_y, turn = ((self.delay_s - moved.late_s) * each for each in by_delay)
         turn += seconds * self.yaw_rate_rad_s
         self.pose = Pose(x + more_x, y + more_y, wrap_angle(wrap_angle(heading) + turn))
         self._motion_noise = self._motion_noise + added
@@ -196,7 +196,7 @@ class Filter:
         step, self._joint = corrected
         x, y, heading = step[:3].tolist()
         self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
-        self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS:]
+        self.scales, self.errors = self.scales + step[3:6], self.errors + step[_ERRORS:]
         self.yaw_rate_rad_s += float(step[_YAW_RATE])
         self.delay_s = min(max(self.delay_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
 

@@ -46,7 +46,7 @@ def predicted(joint, pose, scales, motion, by_delay, noise, seconds, drift):  # 
     added = times(times(by_motion, noise), by_motion.T)
     for k in range(len(drift)):
         grown[k] = seconds * drift[k]
-    return (x, y, heading), delayed, added, propagate(joint, by_state, added, grown)
+    return (x, y, heading), (delayed[0], delayed[1], delayed[2]), added, propagate(joint, by_state, added, grown)
 
 
 @njit(cache=True)

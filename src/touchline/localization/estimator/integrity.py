@@ -328,7 +328,7 @@ class Integrity:
             spread = knowing.error_covariance + bank.statistics.per_image
             camera = Camera(knowing.errors, spread, bank.trust.free_fit)
             sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
-            if self.motion.learned and not self.relation.clock_s:  # the images before were seen by an unknown camera
+            if sighting.learned and not self.relation.clock_s:  # the images before were seen by an unknown camera
                 self.relation.reset()
                 self._moves_proved = self._turns_proved = False
                 if self.offsets.doubt:
@@ -340,7 +340,7 @@ class Integrity:
                 self.offsets.blind(self._velocity)
         self.arrivals.update(stamp_ns, history.odometry.samples)
         self.offsets.arrive(self.arrivals, history.odometry.samples, self._clock_lag(late_s))
-        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit, best.explained)
+        self._confirm(jump, len(history.odometry.samples) > 0, bank.trust.free_fit, best)
         self._take_proof(stamp_ns, best, jump, len(history.odometry.samples) > 0)
         self._take_share(image, bank)
         self._take_coverage(stamp_ns, image, bank, jump)
@@ -373,18 +373,17 @@ class Integrity:
             return self.motion.velocity
         return history.between(last.stamp_ns, stamp_ns).pose.as_array() / seconds
 
-    def _confirm(self, jump: Jump, moves: bool, all_round: bool, share: float) -> None:
-        """A pose that was given holds where the image agrees; one that contradicts it is to be shown by turns, too: a
-        robot that drives ahead looks the same in mirrored images. One found in the own half by the few things that a
-        sector shows holds where the next images agree. moves: whether there is an odometry; share: of the points that
-        are explained.
+    def _confirm(self, jump: Jump, moves: bool, all_round: bool, best: Member) -> None:
+        """A pose that was given holds where the image agrees; one that contradicts it by far is to be shown by turns,
+        too: a robot that drives ahead looks the same in mirrored images. One found in the own half by the few things
+        that a sector shows holds where the next images agree. moves: whether there is an odometry.
         """
         if self._own_half and not all_round:
-            good = not jump.elsewhere and share >= GOOD
+            good = not jump.elsewhere and best.explained >= GOOD
             self._good_images = self._good_images + 1 if good else 0
             self.confirmed = not jump.elsewhere and (self.confirmed or self._good_images >= GOOD_IMAGES)
         elif jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
-            self.confirmed, self._contradicted = False, True
+            self.confirmed, self._contradicted = False, not _is_near(best.filter.pose, jump.predicted)
         self._given &= not jump.elsewhere
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0
@@ -395,8 +394,7 @@ class Integrity:
 
     def suspect_mirror(self, stamp_ns: int, pose: Pose, predicted: Pose) -> bool:
         """Whether a pose has jumped to just where mirrored images would put it; they are distrusted then."""
-        off_m, turn = pose.distance_to(predicted), wrap_angle(pose.heading - predicted.heading)
-        if off_m <= 2.0 * MIRRORED_M and abs(turn) <= 2.0 * MIRRORED_RAD:
+        if _is_near(pose, predicted):
             return False
         x, y, heading = predicted
         for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
@@ -433,7 +431,7 @@ class Integrity:
 
     def _take_proof(self, stamp_ns: int, best: Member, jump: Jump, moves: bool) -> None:
         """With a mirror, whose lines show all round, and an odometry that is trusted."""
-        motion = max(self.relation.statistics.values())
+        motion = self.relation.worst
         followed = self.relation.all_round and moves and self.verdict.odometry and not jump.elsewhere and motion < 1.0
         seconds = 1e-9 * (stamp_ns - self._before_ns)
         self._proof.update(best.filter.pose, jump.predicted if followed else None, seconds)
@@ -527,7 +525,7 @@ class Integrity:
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
         over = bool(self.verdict.reason) and self.relation.agrees
-        in_motion = max(self.relation.statistics.values()) >= 1.0
+        in_motion = self.relation.worst >= 1.0
         if over and in_motion and not self.relation.all_round:  # a mirror's window is over within seconds
             self.relation.forget_fault()
         statistics = self.statistics = self._measured()
@@ -558,6 +556,12 @@ class Integrity:
             return "the pose lies outside of the carpet"
         off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
         return f"{off}: clutter, another field, or camera.yaml"
+
+
+def _is_near(pose: Pose, predicted: Pose) -> bool:
+    """Whether a pose lies so near to the predicted one that it need not be that of mirrored images."""
+    turn = abs(wrap_angle(pose.heading - predicted.heading))
+    return pose.distance_to(predicted) <= 2.0 * MIRRORED_M and turn <= 2.0 * MIRRORED_RAD
 
 
 def _unseen_rad(turn: float, apart: float) -> float:

@@ -118,7 +118,7 @@ class Monitor:
             predicted = before.pose.compose(history.between(before.stamp_ns, estimate.stamp_ns).pose)
         elsewhere = predicted is None or not could_be_shove(pose.as_array() - predicted.as_array())
         jump = Jump(predicted, elsewhere)
-        verdict, motion = self.integrity.verdict, max(self.integrity.relation.statistics.values())
+        verdict, motion = self.integrity.verdict, self.integrity.relation.worst
         if elsewhere and not verdict.images and verdict.since_ns is None and motion < 1.0:
             self.integrity.reset(confirmed=True)  # what the pose before did not explain says nothing of this one
         verdict = self.integrity.update(estimate.stamp_ns, image, self.bank, history, self._late_s, jump)

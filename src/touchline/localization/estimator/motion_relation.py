@@ -333,6 +333,11 @@ class MotionRelation:
         return dict(zip(STATISTICS, shares, strict=True))
 
     @property
+    def worst(self) -> float:
+        """The largest of `statistics`."""
+        return max(self.mean / MAX_MEAN, self.sum / MAX_SUM, self.gain / MAX_GAIN, 0.0)
+
+    @property
     def _is_telling(self) -> bool:
         return self._tells(AGREEING)
 

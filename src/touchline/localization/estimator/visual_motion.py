@@ -34,7 +34,7 @@ _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covari
 class Sighting(NamedTuple):
     """A pose (3,) by one image, field frame, and its covariance (3, 3); begun: whether it follows from none before;
     blurred: whether it shows a sector with little in it, which may have been taken for other lines: its error then is
-    larger than the covariance knows.
+    larger than the covariance knows; learned: whether it has taught that those before were seen by another camera.
     """
 
     stamp_ns: int
@@ -44,6 +44,7 @@ class Sighting(NamedTuple):
     log_likelihood: float
     begun: bool
     blurred: bool = False
+    learned: bool = False
 
 
 class Camera(NamedTuple):
@@ -68,7 +69,6 @@ class VisualMotion:
         self.last: Sighting | None = None
         self._velocity: FloatArray = np.zeros(3)
         self._first_ns: int | None = None
-        self.learned = False  # whether the newest image has taught that the ones before were seen by another camera
         self._errors: FloatArray = np.zeros(0)  # of the camera, where the chain of images began
 
     @property
@@ -102,9 +102,10 @@ class VisualMotion:
                     best = _mixed(best, (moving, still, other))
             if seconds > 0.0:
                 self._velocity = difference(best.pose, last.pose) / seconds
-        self.learned = self._learns(stamp_ns, camera)
-        if best.begun or self.learned:
-            best, self._errors, self._velocity = best._replace(begun=True), camera.errors, np.zeros(3)
+        learned = self._learns(stamp_ns, camera)
+        if best.begun or learned:
+            best = best._replace(begun=True, learned=learned)
+            self._errors, self._velocity = camera.errors, np.zeros(3)
         self.last = best
         return best
 

@@ -20,6 +20,7 @@ from touchline.perception.colour import ColourModel, channel_sums, colour_model,
 from touchline.perception.colour_ellipses import is_black, luma_chroma, nearest_ellipse, tinted_chroma
 from touchline.perception.line_graph.contrast import learn_contrast
 from touchline.perception.line_graph.standing_colours import standing_ellipses
+from touchline.perception.tint import NO_TINT
 from touchline.types import ImageArray
 
 CELL_PX = 8
@@ -44,7 +45,6 @@ _BESIDE_PX = 15  # paint lies within so many pixels of carpet
 _SOLID = 0.5  # share of green about a pixel of it that is carpet
 _FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
 _PAINT_ROUNDS = 3
-NO_TINT = np.ones(3)
 _UNSEEN = 0.25  # share of the paint that colours alone take for carpet, from which on the carpet beside it tells
 _EDGES = 0.65  # share of what is pale between carpet that is only partly paint
 

@@ -2,7 +2,6 @@
 green fades they are learned again.
 """
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -15,22 +14,19 @@ from touchline.perception.line_graph.colour_classes import (
     CELL_PX,
     FULL,
     GREEN,
-    NO_TINT,
     ColourClasses,
     CountArray,
     classes_of_model,
     learn_classes,
     tinted_classes,
 )
-from touchline.perception.line_graph.sorting import median_of
 from touchline.perception.self_learning import FirstImages
+from touchline.perception.tint import Tint
 from touchline.types import ImageArray
 
-_MIN_TINT, _MAX_TINT = 0.04, 0.4  # change of the carpet's colour (logarithm) that is followed, and the most
-_EVERY, _MIN_CELLS = 3, 50  # one in so many cells is looked at, and so many of carpet tell it
+_EVERY = 3  # one in so many cells is looked at for the light's tint
 _MAX_LOOKS = 2000  # of such cells: the most that are looked at, as of an image of 752 x 480 pixels
 _MIN_FIELD = 500  # cells of a field: with less, all of the ground is looked at
-_GREENISH = 0.35  # of the learned carpet's excess of green, from which on a colour may be carpet in other light
 
 
 class ColourMemory:
@@ -39,14 +35,14 @@ class ColourMemory:
     def __init__(self, colour_file: str | None, frames: int, yuv: bool) -> None:
         """Raises InputError for a colour file that can't be read. frames: images that are learned from."""
         self._kept = None if colour_file is None else classes_of_model(load_colours(colour_file), yuv)
-        self._first, self._yuv = FirstImages(frames), yuv
+        self._first, self._yuv, self._tint = FirstImages(frames), yuv, Tint()
         self.forget()
 
     def forget(self) -> None:
         """Forget what was learned."""
         self.classes: ColourClasses | None = self._kept
         self._learned = self.classes
-        self._tint = NO_TINT
+        self._tint.forget()
         self._ground: IntArray | None = None  # pixels that see it
         self._first.begin()
 
@@ -70,17 +66,14 @@ class ColourMemory:
     def _learn_from(self, images: Sequence[ImageArray], masks: tuple[BoolArray, BoolArray, IntArray]) -> None:
         near, around, sides = masks
         self.classes = self._learned = learn_classes(images, near, around, self._yuv, sides)
-        self._tint = NO_TINT
+        self._tint.forget()
 
     def follow(self, image: ImageArray) -> None:
         """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on."""
         if self._learned is None or self._ground is None or not self._learned.local:
             return
-        tint = np.empty(3)
-        if _tint_of(image, self._ground, self._learned.model.green, tint) < _MIN_CELLS:
-            return
-        if np.abs(np.log(tint / self._tint)).max() > _MIN_TINT:
-            self._tint, self.classes = tint, tinted_classes(self._learned, tint)
+        if self._tint.follow(image, self._ground, self._learned.model.green):
+            self.classes = tinted_classes(self._learned, self._tint.value)
 
     def watch(self, counts: CountArray, horizon: BoolArray, ends: FloatArray) -> None:
         """Begin to learn anew when much less of the ground is green than usual, for some images in a row.
@@ -92,26 +85,6 @@ class ColourMemory:
             return
         self._ground, green = _look_at_ground(counts, horizon, ends)
         self._first.watch(green)
-
-
-@njit(cache=True, error_model="numpy")
-def _tint_of(image: ImageArray, pixels: IntArray, green: FloatArray, tint: FloatArray) -> int:
-    """What multiplies B, G, R of the learned carpet (3,) at those of pixels (N, 2: v, u) that may be it, into tint
-    (3,); how many these are.
-    """
-    usual = green / green.sum()
-    shares, count = np.empty((3, len(pixels))), 0
-    for i in range(len(pixels)):
-        v, u = pixels[i, 0], pixels[i, 1]
-        b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
-        total = max(b + g + r, 1.0)
-        if g / total - 1.0 / 3.0 > _GREENISH * (usual[1] - 1.0 / 3.0):
-            shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
-            count += 1
-    for k in range(3 if count else 0):
-        change = math.log(max(median_of(shares[k, :count]), 1e-3) / usual[k])
-        tint[k] = math.exp(min(max(change, -_MAX_TINT), _MAX_TINT))
-    return count
 
 
 @njit(cache=True)

@@ -4,6 +4,7 @@ Where shaded paint has the colour of carpet in the sun, no table of colours tell
 shade multiplies both, and logarithms of their colours still differ by the same. The edge of a shadow has one such side.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from touchline.types import ImageArray
 
 BLOCK_PX = 2  # turf glitters: means of so many pixels each way are compared
 _THICK = 2  # blocks to the sides of a line that is wide enough for the mean of 3 x 3 of them
+_DARK = 2.0  # so many times as much brighter than a floor that is no carpet, on one side
 _COLOUR = 2.0  # as much weighs a change of colour against one of brightness: paint then changes both alike
 _TEXTURE, _ABOVE = 0.99, 1.5  # quantile of what is as much darker and more coloured, and times it is no texture
 _MIN_CONTRAST = 0.02  # of the logarithm: carpet without any texture is drawn
@@ -44,11 +46,12 @@ def mean_blocks(image: ImageArray) -> Float32Array:
     return blocks
 
 
-def contrasts(blocks: Float32Array, reach: IntArray, sign: float = 1.0) -> Float32Array:
+def contrasts(blocks: Float32Array, reach: IntArray, sign: float = 1.0, dark: float = math.inf) -> Float32Array:
     """(R, C) by how much each of blocks (R, C, 3) is brighter and less coloured than both its sides; 0 for no more.
 
     reach: (R, 2) how far, in blocks across and along the image, its sides are in each row; 0: it sees no ground. sign:
-    -1 for darker and more coloured.
+    -1 for darker and more coloured. dark: a block that is brighter than one side by so many times as much need not be
+    less coloured than that.
     """
     blue, green, red = cv2.split(cv2.log(blocks + 1.0))
     other = 0.5 * (blue + red)
@@ -56,12 +59,12 @@ def contrasts(blocks: Float32Array, reach: IntArray, sign: float = 1.0) -> Float
     beside: Float32Array = cv2.blur(own, (3, 3)).astype(np.float32)
     found: Float32Array = np.zeros(own.shape[:2], dtype=np.float32)
     thick = reach.min(axis=1) > _THICK
-    _exceed(np.where(thick[:, np.newaxis, np.newaxis], beside, own), beside, reach, found)
+    _exceed(np.where(thick[:, np.newaxis, np.newaxis], beside, own), beside, reach, dark, found)
     return found
 
 
 @njit(cache=True)
-def _exceed(own: Float32Array, beside: Float32Array, reach: IntArray, found: Float32Array) -> None:
+def _exceed(own: Float32Array, beside: Float32Array, reach: IntArray, dark: float, found: Float32Array) -> None:
     """By how much blocks exceed both sides in the direction of four in which they do most, into found (R, C).
 
     own, beside: (R, C, 2) brightness and paleness, of a block and about it.
@@ -73,14 +76,16 @@ def _exceed(own: Float32Array, beside: Float32Array, reach: IntArray, found: Flo
             dv, du = (0 if way == 0 else along), (0 if way == 1 else across if way < 3 else -across)
             for column in range(abs(du), columns - abs(du) if dv <= row < rows - dv else 0):
                 one, other = beside[row - dv, column - du], beside[row + dv, column + du]
-                bright = own[row, column, 0] - max(one[0], other[0])
-                pale = own[row, column, 1] - max(one[1], other[1])
-                found[row, column] = max(found[row, column], min(bright, pale))
+                bright, pale = own[row, column, 0] - one[0], own[row, column, 1] - one[1]
+                brighter, paler = own[row, column, 0] - other[0], own[row, column, 1] - other[1]
+                first, second = min(bright, pale), min(brighter, paler)
+                besides_dark = max(min(first, brighter / dark), min(second, bright / dark))
+                found[row, column] = max(found[row, column], min(first, second), besides_dark)
 
 
 def white_blocks(blocks: Float32Array, reach: IntArray, least: float) -> BoolArray:
     """(R, C) which of blocks (R, C, 3) are white: what contrasts enough, and what is faint beside it."""
-    contrast = contrasts(blocks, reach)
+    contrast = contrasts(blocks, reach, dark=_DARK)
     white, faint = contrast > least, contrast > _FAINT * least
     for _ in range(_GROWN):
         white = faint & (cv2.dilate(white.astype(np.uint8), _NEXT) > 0)

@@ -139,7 +139,8 @@ class LineGraphDetector:
 
     def _pixels(self, image: ImageArray, classes: ColourClasses, structure: Structure) -> Pixels:
         model = classes.model
-        signal = (*model.signal.tolist(), -float(model.signal @ model.green))
+        signal = np.outer(model.signal, np.arange(256.0))
+        signal[0] -= float(model.signal @ model.green)
         blue, green, red = model.green
         least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
         return Pixels(image, least, signal, structure.light, structure.base, self.field.line_width, _LOOSEST, _TIGHTEST)

@@ -11,7 +11,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
-from touchline.perception.line_graph.image_plane import ImagePlane, Numbers, pixel_from_ground
+from touchline.perception.line_graph.image_plane import ImagePlane, pixel_from_ground
 from touchline.types import ImageArray
 
 OUTSIDE, NO_LINE, LINE = 0, 1, 2
@@ -37,16 +37,16 @@ class Cut(NamedTuple):
 class Pixels(NamedTuple):
     """What profiles are read from.
 
-    image: (H, W, 3). least_green: excess of G from which on a colour is green, as a share of B + G + R. signal: (4,)
-    weights of B, G, R and a constant: 0 on carpet, 1 on paint in the light that was learned. light: (rows, columns) of
-    cells, how bright it is against that. base: (rows, columns) signal of the carpet there where colours alone don't
-    tell paint, else 0. width_m: of a line. loosest, tightest: how much wider and narrower than expected a line may
-    look.
+    image: (H, W, 3). least_green: excess of G from which on a colour is green, as a share of B + G + R. signal:
+    (3, 256) what each value of B, G, R adds: 0 on carpet, 1 on paint in the light that was learned. light: (rows,
+    columns) of cells, how bright it is against that. base: (rows, columns) signal of the carpet there where colours
+    alone don't tell paint, else 0. width_m: of a line. loosest, tightest: how much wider and narrower than expected a
+    line may look.
     """
 
     image: ImageArray
     least_green: float
-    signal: Numbers
+    signal: FloatArray
     light: FloatArray
     base: FloatArray
     width_m: float
@@ -57,7 +57,7 @@ class Pixels(NamedTuple):
 @njit(cache=True, error_model="numpy")
 def signal_at(pixels: Pixels, u: float, v: float) -> float:
     """How white a place of the image is, 0 carpet to 1 paint in the light about it, bilinear; it must lie inside."""
-    image, w = pixels.image, pixels.signal
+    image, signal = pixels.image, pixels.signal
     height, width = image.shape[0], image.shape[1]
     column, row = min(int(u), width - 2), min(int(v), height - 2)
     a, b = u - column, v - row
@@ -65,10 +65,9 @@ def signal_at(pixels: Pixels, u: float, v: float) -> float:
     for dv in range(2):
         for du in range(2):
             share = (a if du else 1.0 - a) * (b if dv else 1.0 - b)
-            value = w[3]
-            for channel in range(3):
-                value += w[channel] * image[np.uintp(row + dv), np.uintp(column + du), channel]
-            total += share * value
+            r, c = np.uintp(row + dv), np.uintp(column + du)
+            blue, green, red = image[r, c, 0], image[r, c, 1], image[r, c, 2]
+            total += share * (signal[0, np.uintp(blue)] + signal[1, np.uintp(green)] + signal[2, np.uintp(red)])
     cell_row = min(int(v) // CELL_PX, pixels.light.shape[0] - 1)
     cell_column = min(int(u) // CELL_PX, pixels.light.shape[1] - 1)
     r, c = np.uintp(cell_row), np.uintp(cell_column)
