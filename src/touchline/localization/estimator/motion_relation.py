@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, IntArray
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
 from touchline.matrices import copy_row, inverse, times
@@ -186,7 +186,8 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
 class _Steps(NamedTuple):
     """N steps, robot frame before each: seen, driven (N, 3); inverse covariances (N, 3, 3) of their differences;
     turns by the gyro (N,), NaN where it tells none; costs (N,); gains (N, E): of these what each explanation without
-    a fitted parameter saves, 0 where that is not known; lags_known (N,): 1 where it is, of lags.
+    a fitted parameter saves, 0 where that is not known; lags_known (N,): 1 where it is, of lags;
+    spans_ns (N, 2): their stamps.
     """
 
     seen: FloatArray
@@ -196,6 +197,7 @@ class _Steps(NamedTuple):
     costs: FloatArray
     gains: FloatArray
     lags_known: FloatArray
+    spans_ns: IntArray
 
 
 @njit(cache=True, error_model="numpy")
@@ -244,6 +246,7 @@ def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-u
         copy_row(steps.seen[i + 1], steps.seen[i])
         copy_row(steps.driven[i + 1], steps.driven[i])
         copy_row(steps.gains[i + 1], steps.gains[i])
+        copy_row(steps.spans_ns[i + 1], steps.spans_ns[i])
         for a in range(3):
             copy_row(steps.weights[i + 1, a], steps.weights[i, a])
         steps.gyro[i], steps.costs[i], steps.lags_known[i] = (
@@ -254,6 +257,7 @@ def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-u
     seen, weights = _compared(ends[0], ends[1], ends[2], ends[3], driven)
     copy_row(seen, steps.seen[last])
     copy_row(driven, steps.driven[last])
+    steps.spans_ns[last, 0], steps.spans_ns[last, 1] = span_ns
     for a in range(3):
         copy_row(weights[a], steps.weights[last, a])
     raw, late = _cost(steps.seen, driven, steps.weights, last), _cost(steps.seen, delayed, steps.weights, last)
@@ -270,20 +274,25 @@ def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-u
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_lags(steps, i, span_ns, lags_ns, known, stamps, rows):  # type: ignore[no-untyped-def]
-    """What each lag saves of step i by samples of odometry, stamps (N,), rows (N, 3); 0 where they don't reach. known:
-    whether all lags can be tried; before, a step speaks against lags alone.
+def _fill_lags(steps, begin, lags_ns, known_ns, stamps, rows):  # type: ignore[no-untyped-def]
+    """What each lag saves of those steps from one on of which that is not known, by samples of odometry, stamps (N,),
+    rows (N, 3); 0 where they don't reach. known_ns: before the newest step, from where all lags can be tried; later, a
+    step speaks against lags alone.
     """
     first = steps.gains.shape[1] - len(lags_ns)
-    steps.lags_known[i] = known
-    for k in range(len(lags_ns)):
-        begin_ns, end_ns = span_ns[0] - lags_ns[k], span_ns[1] - lags_ns[k]
-        if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
-            steps.gains[i, first + k] = 0.0
+    for i in range(begin, len(steps.costs)):
+        if steps.lags_known[i]:
             continue
-        step = _driven(stamps, rows, begin_ns, end_ns)
-        gain = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
-        steps.gains[i, first + k] = gain if known else min(gain, 0.0)
+        known = steps.spans_ns[-1, 1] - steps.spans_ns[i, 1] >= known_ns
+        steps.lags_known[i] = known
+        for k in range(len(lags_ns)):
+            begin_ns, end_ns = steps.spans_ns[i, 0] - lags_ns[k], steps.spans_ns[i, 1] - lags_ns[k]
+            if len(stamps) == 0 or begin_ns < stamps[0] or end_ns > stamps[-1]:
+                steps.gains[i, first + k] = 0.0
+                continue
+            step = _driven(stamps, rows, begin_ns, end_ns)
+            gain = steps.costs[i] - _cost(steps.seen, step, steps.weights, i)
+            steps.gains[i, first + k] = gain if known else min(gain, 0.0)
 
 
 class MotionRelation:
@@ -300,11 +309,12 @@ class MotionRelation:
         self._unbroken = 0  # steps since the chain of images began
         self._held: tuple[Sighting, Sighting] | None = None  # a step that waits for the next image
         self._held_cost = 0.0
-        self._spans_ns: list[tuple[int, int]] = []
+        self._count = 0  # of the steps in the window
         self._pending: list[tuple[Sighting, Sighting]] = []
         self._every = _Steps(
             np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3, 3)), np.zeros(WINDOW),
             np.zeros(WINDOW), np.zeros((WINDOW, len(SIGNS) + 3 + len(LAGS_S))), np.zeros(WINDOW),
+            np.zeros((WINDOW, 2), dtype=np.int64),
         )  # fmt: skip
         self.sum = self.mean = 0.0
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
@@ -317,7 +327,7 @@ class MotionRelation:
     @property
     def _steps(self) -> _Steps:
         """Those that are known."""
-        first = WINDOW - len(self._spans_ns)
+        first = WINDOW - self._count
         return self._every if first == 0 else _Steps._make(each[first:] for each in self._every)
 
     @property
@@ -430,8 +440,7 @@ class MotionRelation:
         self._unbroken += 1
         self._since_alarm += 1
         self._since_clock += 1
-        kept = slice(-WINDOW + 1, None)
-        self._spans_ns = [*self._spans_ns[kept], span_ns]
+        self._count = min(self._count + 1, WINDOW)
         self.sum = min(max(self.sum + self._excess(cost, last, sighting), 0.0), 1.1 * MAX_SUM)
         self._explain(history)
 
@@ -443,11 +452,9 @@ class MotionRelation:
 
     def _fill_lags(self) -> None:
         """The odometry's steps at other times; of a new step those before it alone are known."""
-        first = WINDOW - len(self._spans_ns)
-        for i in np.flatnonzero(self._every.lags_known[first:] == 0.0).tolist():
-            span_ns = self._spans_ns[i]
-            known = self._spans_ns[-1][1] - span_ns[1] >= 1e9 * LAGS_S[-1]
-            _fill_lags(self._every, first + i, span_ns, _LAGS_NS, known, *self._history.odometry.samples.arrays)
+        if self._count:
+            odometry = self._history.odometry.samples.arrays
+            _fill_lags(self._every, WINDOW - self._count, _LAGS_NS, 1e9 * LAGS_S[-1], *odometry)
 
     def _explain(self, history: MotionHistory) -> None:
         """Try every explanation, if there is anything to explain."""
@@ -463,7 +470,7 @@ class MotionRelation:
         if self.clock_s:
             gains[FIRST_LAG + int(np.argmin(np.abs(LAGS_S - self.clock_s)))] += ARRIVED
         gains[GYRO] -= CLEARLY  # it says what turns otherwise, not why: a sign or a scale says more
-        gains[PANNED] -= 0.5 * len(self._spans_ns)  # the mean cost of a turn, which it takes as the images have it
+        gains[PANNED] -= 0.5 * self._count  # the mean cost of a turn, which it takes as the images have it
         if not self.all_round:
             gains[BACK_TO_FRONT] -= BACKWARDS
             gains[ROTATION] -= BACKWARDS * (abs(values[ROTATION]) > 0.5 * math.pi)
@@ -474,7 +481,7 @@ class MotionRelation:
     def _take_mean(self) -> float:
         """The sum of all costs, of which it is."""
         total = float(np.add.reduce(self._every.costs))
-        self.mean = total / max(len(self._spans_ns), WINDOW // 2)
+        self.mean = total / max(self._count, WINDOW // 2)
         return total
 
     def _likeliest(self, gains: FloatArray, left: FloatArray) -> int:
@@ -510,7 +517,7 @@ class MotionRelation:
         """Whether the mean or the sum would make an alarm if the step that waits for the next image counted."""
         if self._held is None:
             return False
-        mean = self.mean + self._held_cost / max(len(self._spans_ns), WINDOW // 2)
+        mean = self.mean + self._held_cost / max(self._count, WINDOW // 2)
         return mean > MAX_MEAN or self.sum + self._excess(self._held_cost, *self._held) > MAX_SUM
 
     @property
@@ -538,7 +545,7 @@ class MotionRelation:
 
     def forget_fault(self) -> None:
         """Only the newest steps, which agree, count from now on."""
-        self._spans_ns = self._spans_ns[-AGREEING:]
+        self._count = min(self._count, AGREEING)
         self._every.costs[:-AGREEING] = 0.0
         self.sum = self.gain = 0.0
         self._take_mean()
@@ -563,7 +570,7 @@ class MotionRelation:
     @property
     def refutes_clock(self) -> bool:
         """Whether the steps since the clock was set would not agree if it were the camera's."""
-        return self._refutes(self.clock_s, max(len(self._spans_ns) - max(self._since_clock, 0), 0))
+        return self._refutes(self.clock_s, max(self._count - max(self._since_clock, 0), 0))
 
     def _refutes(self, late_s: float, first: int) -> bool:
         index = FIRST_LAG + int(np.argmin(np.abs(LAGS_S - late_s)))
