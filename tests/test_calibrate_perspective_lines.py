@@ -188,6 +188,11 @@ def test_what_stays_open_is_named_with_its_cause(lean_deg: float, reason: str) -
         perspective_lines._check(found, 6)
 
 
+def test_images_of_a_few_pixels_are_refused() -> None:
+    with pytest.raises(NoFitError, match="images of 8 x 6 pixels"):
+        calibrate_perspective_lines([np.full((6, 8, 3), 90, dtype=np.uint8)], FIELD, "fisheye")
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_too_few_lines_are_refused(count: int) -> None:
     images = [np.full((SIZE[1], SIZE[0], 3), (60, 120, 40), dtype=np.uint8)] * count

@@ -198,6 +198,8 @@ def test_a_given_pose_that_is_half_a_metre_off_needs_no_turns_to_be_confirmed(fo
     integrity._confirm(Jump(Pose(0.0, 0.0, 0.0), True), True, False, explaining(found, 1.0))
     assert not integrity.confirmed
     assert integrity._contradicted is by_turns
+    integrity._confirm(Jump(found, True), True, False, explaining(Pose(2.7, -1.6, 3.1), 1.0))
+    assert integrity._contradicted
 
 
 def related(
@@ -206,20 +208,25 @@ def related(
     all_round: bool = True,
     outliers: Sequence[int] = (),
     blurred: bool = False,
+    ahead: float = 1.0,
+    gyro: Callable[[float], float] | None = None,
 ) -> MotionRelation:
     """The relation of a robot that drives in curves, whose odometry tells its steps otherwise; outliers: images that
-    show it elsewhere. blurred: whether they may.
+    show it elsewhere. blurred: whether they may. ahead: of its way, 0 where it turns in place; gyro: what one tells, if
+    there is one, of a rate (rad/s).
     """
     history, relation = MotionHistory(), MotionRelation()
     relation.all_round = all_round
     pose, told = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
     for k in range(steps):
         stamp_ns = 100_000_000 * (k + 1)
-        history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([told]))))
+        rate = 2.0 * math.sin(0.2 * (k - 1))
+        felt = None if gyro is None else Samples(np.array([stamp_ns]), np.array([[0.0, 0.0, gyro(rate)]]))
+        history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.array([told])), gyro=felt))
         shown = pose.as_array() + (np.array([0.3, -0.4, 0.3]) if k in outliers else 0.0)
         sighting = Sighting(stamp_ns, shown, 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0, blurred=blurred)
         relation.update(sighting, history, 0.0, jumped=False)
-        step = Pose(0.2, 0.1 * math.sin(0.3 * k), 0.2 * math.sin(0.2 * k))
+        step = Pose(0.2 * ahead, 0.1 * ahead * math.sin(0.3 * k), 0.2 * math.sin(0.2 * k))
         pose, told = pose.compose(step), told.compose(change(step))
     return relation
 
@@ -245,6 +252,15 @@ def test_what_contradicts_is_named(change: Callable[[Pose], Pose], culprit: Culp
     explanation = relation.blame()
     assert explanation.culprit is culprit
     assert said in explanation.text
+
+
+@pytest.mark.parametrize(("gyro", "culprit"), [(1.0, Culprit.ODOMETRY), (0.0, Culprit.IMAGES)])
+def test_the_gyro_tells_an_odometry_that_stands_still_from_a_head_that_turns_untold(
+    gyro: float, culprit: Culprit
+) -> None:
+    relation = related(lambda step: Pose(0.0, 0.0, 0.0), all_round=False, ahead=0.0, gyro=lambda rate: gyro * rate)
+    assert max(relation.statistics.values()) >= 1.0
+    assert relation.blame().culprit is culprit
 
 
 def test_an_odometry_whose_signs_are_known_to_be_wrong_is_put_right() -> None:

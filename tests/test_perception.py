@@ -25,6 +25,7 @@ from touchline.perception.field_boundary import green_ends, inside_green
 from touchline.perception.path_samples import BODY, PathSamples, no_samples, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
 from touchline.perception.self_learning import FirstImages, LearningPaper, LearningSettings
+from touchline.perception.tint import Tint
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
@@ -234,6 +235,15 @@ def test_the_tint_of_the_light_is_followed_from_image_to_image(
     usual = counts[True][0]
     assert min(counts[True]) > 0.9 * usual
     assert counts[False][1] < 0.5 * usual
+
+
+def test_carpet_that_glosses_is_no_tint_to_a_mirror() -> None:
+    """White light on top of the carpet's own makes it pale, and its paint no other colour."""
+    carpet, pixels = np.array([60.0, 120.0, 70.0]), np.argwhere(np.ones((10, 10), dtype=np.bool_))
+    glossy = np.full((10, 10, 3), carpet + 40.0).astype(np.uint8)
+    assert Tint().follow(glossy, pixels, carpet)
+    assert not Tint(warmth=True).follow(glossy, pixels, carpet)
+    assert Tint(warmth=True).follow((carpet * (1.2, 1.0, 0.8)).astype(np.uint8) + 0 * glossy, pixels, carpet)
 
 
 def test_points_that_a_frame_brings_are_taken_as_they_are() -> None:

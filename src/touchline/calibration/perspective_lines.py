@@ -31,11 +31,12 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import PoseSearch
-from touchline.messages import counted
+from touchline.messages import counted, listed
 from touchline.perception.line_graph.patches import line_graph_detector
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.types import ImageArray, Observation
 
+MIN_SIZE_PX = 64  # a few cells of the line graph each way
 MIN_POINTS, MIN_ON_LINES = 20, 0.85  # of an image that takes part; share of the points that must lie on lines
 RIGHT = 0.9  # share of an image's points on lines from which its pose is kept
 # standard deviations of what is written: roll, pitch (rad), height, focal length (ratios)
@@ -68,6 +69,9 @@ class PerspectiveLines:
 
 def calibrate_perspective_lines(images: Sequence[ImageArray], field: FieldModel, model: str) -> PerspectiveLines:
     """The camera of images (H, W, 3), B, G, R, all of one size. Raises NoFitError with the reason."""
+    height, width = images[0].shape[:2]
+    if min(height, width) < MIN_SIZE_PX:
+        raise NoFitError(f"images of {width} x {height} pixels show no lines: {MIN_SIZE_PX} each way are the least")
     work = _Calibration(images, field, model)
     best = work.first()
     for _ in range(_LOOKS):  # some of the poses were found with a camera that is percents off
@@ -204,7 +208,7 @@ def _check(found: PerspectiveLines, images: int) -> None:
             "measure its sizes, or add images from other places"
         )
     open_ones = [k for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
-    names = " and ".join(NAMES[k] for k in open_ones)
+    names = listed([NAMES[k] for k in open_ones])
     lean_rad = found.fit.learned.lean_rad
     swaying = [
         k for k in open_ones if k in {ROLL, PITCH} and lean_rad**2 > 0.5 * len(found.used) * found.deviations[k] ** 2

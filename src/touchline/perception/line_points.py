@@ -147,7 +147,7 @@ class LinePointDetector:
         self._see_body(np.zeros((mirror.height, mirror.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
         self._learned: ColourModel | None = None
-        self._tint = Tint()
+        self._tint = Tint(warmth=True)
         ring = (self._radius_px > mirror.inner_radius_px) & (self._radius_px < NEAR_SHARE * self.outer_px)
         self._carpet = TINT_EVERY_PX * np.argwhere(ring[::TINT_EVERY_PX, ::TINT_EVERY_PX])
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)

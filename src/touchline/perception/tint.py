@@ -19,8 +19,10 @@ _GREENISH = 0.35  # of the learned carpet's excess of green, from which on a col
 class Tint:
     """`value` (3,): what multiplies B, G, R of the colours that were learned, brightness aside."""
 
-    def __init__(self) -> None:
+    def __init__(self, warmth: bool = False) -> None:
+        """warmth: blue against red alone is followed: carpet that glosses all about a robot is as pale in both."""
         self.value: FloatArray = NO_TINT
+        self._warmth = warmth
 
     def forget(self) -> None:
         """Colours are learned anew."""
@@ -35,6 +37,8 @@ class Tint:
         if _carpet_shares(np.ascontiguousarray(image), pixels, least, shares) < _MIN_PIXELS:
             return False
         change = np.log(np.maximum(shares, 1e-3) / np.maximum(usual, 1e-6))
+        if self._warmth:
+            change = 0.5 * (change[0] - change[2]) * np.array([1.0, 0.0, -1.0])
         tint = np.exp(np.clip(change, -_MAX_TINT, _MAX_TINT))
         changed = bool(np.abs(np.log(tint / self.value)).max() > _MIN_TINT)
         self.value = tint if changed else self.value

@@ -307,7 +307,8 @@ class ConstantOffsets:
         elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR
         if elsewhere:  # or rather the camera has turned
             turn2 = self._joint[2, 2] + self._joint[3, 3] + 2.0 * self._joint[2, 3] + sighting.covariance[2, 2]
-            turned, change = wrap_angle(turn - float(self._state[TURNED])), self._newest[2] - self._velocity[2]
+            change = float(history.odometry.samples.slope(EXTRAPOLATION_S)[2] - self._velocity[2])
+            turned = wrap_angle(turn - float(self._state[TURNED]))
             elsewhere = not is_unfelt(turned, turn2, x * x + y * y, apart, change)
         if not known or (elsewhere and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)

@@ -134,6 +134,7 @@ class Integrity:
         pose.
         """
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
+        self._told = confirmed  # whether anything was given
         self._given = given  # whether the pose was, and the images agreed
         self._moves_proved = self._turns_proved = False  # by the odometry, as the images show them
         self._good_images = 0  # in a row that agree with a pose found in the own half
@@ -382,8 +383,9 @@ class Integrity:
             good = not jump.elsewhere and best.explained >= GOOD
             self._good_images = self._good_images + 1 if good else 0
             self.confirmed = not jump.elsewhere and (self.confirmed or self._good_images >= GOOD_IMAGES)
-        elif jump.elsewhere and jump.predicted is not None and not self._proved and self.confirmed:
-            self.confirmed, self._contradicted = False, not _is_near(best.filter.pose, jump.predicted)
+        elif jump.elsewhere and jump.predicted is not None and not self._proved and self._told:
+            self.confirmed = False
+            self._contradicted |= not _is_near(best.filter.pose, jump.predicted)
         self._given &= not jump.elsewhere
         if jump.elsewhere and not self._proved:  # what a wrong start explained says nothing of the pose that was found
             self._shares, self._shares_of_points, self._deficit = [], [], 0.0

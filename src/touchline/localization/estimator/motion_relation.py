@@ -30,6 +30,7 @@ MAX_COST = 9.0  # of one step, as in a shove
 USUAL_COST = 0.75  # of a step, above which costs add up to an alarm
 MAX_SUM, MAX_MEAN, MAX_GAIN = 40.0, 2.0, 30.0  # of such costs; of the window's; of an explanation, from where it counts
 SUFFIXES = (6, 12, WINDOW)  # newest steps over which an explanation is tried: a fault begins within the window
+TURNING = "images turn while the robot does not"
 _STILL = 0.002  # largest step (m + rad) of an odometry that stands still
 MAX_LEFT = 1.0  # mean cost that a named explanation leaves
 LAGS_S = np.arange(-0.6, 0.601, 0.05)
@@ -76,11 +77,13 @@ SIGNS = {
     (-1, 1, -1): Explanation(Culprit.IMAGES, "images are mirrored: ahead and behind are exchanged"),
 }
 _MULTIPLIERS, _SUFFIXES = np.array(list(SIGNS), dtype=np.float64), np.array(SUFFIXES)
-SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, GYRO, FIRST_LAG = range(len(SIGNS), len(SIGNS) + 8)
+SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, PANNED, GYRO, FIRST_LAG = range(
+    len(SIGNS), len(SIGNS) + 9
+)
 MIRRORED, BACK_TO_FRONT = (list(SIGNS).index(signs) for signs in ((1, -1, -1), (-1, 1, -1)))
 _FITTED = 5  # of these, from SCALE on, have a parameter
 _BY_IMAGES = np.array(
-    [one.culprit is Culprit.IMAGES for one in SIGNS.values()] + [False, False, True, False, False, True]
+    [one.culprit is Culprit.IMAGES for one in SIGNS.values()] + [False, False, True, False, False, True, True]
 )
 
 
@@ -117,6 +120,8 @@ def _change(step, seen, gyro, signs, e, value):  # type: ignore[no-untyped-def]
     elif fitted == 5:
         step[0] = step[1] = step[2] = 0.0
     elif fitted == 6:
+        step[2] = seen[2]
+    elif fitted == 7:
         step[2] = gyro
 
 
@@ -260,7 +265,7 @@ def _push(steps, signs, ends, way, span_ns, late_ns, gyro):  # type: ignore[no-u
     step, count = np.empty(3), signs.shape[0]
     for e in range(steps.gains.shape[1]):
         steps.gains[last, e] = 0.0
-    for e in range(count + 2):
+    for e in range(count + 3):
         copy_row(driven, step)
         _change(step, seen, gyro, signs, e if e < count else e + _FITTED, 0.0)
         if step[0] == step[0] and step[2] == step[2]:
@@ -308,7 +313,7 @@ class MotionRelation:
         self._pending: list[tuple[Sighting, Sighting]] = []
         self._every = _Steps(
             np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3, 3)), np.zeros(WINDOW),
-            np.zeros(WINDOW), np.zeros((WINDOW, len(SIGNS) + 2 + len(LAGS_S))), np.zeros(WINDOW),
+            np.zeros(WINDOW), np.zeros((WINDOW, len(SIGNS) + 3 + len(LAGS_S))), np.zeros(WINDOW),
             np.zeros((WINDOW, 2), dtype=np.int64),
         )  # fmt: skip
         self.sum = self.mean = 0.0
@@ -465,10 +470,11 @@ class MotionRelation:
         if self.clock_s:
             gains[FIRST_LAG + int(np.argmin(np.abs(LAGS_S - self.clock_s)))] += ARRIVED
         gains[GYRO] -= CLEARLY  # it says what turns otherwise, not why: a sign or a scale says more
+        gains[PANNED] -= 0.5 * self._count  # the mean cost of a turn, which it takes as the images have it
         if not self.all_round:
             gains[BACK_TO_FRONT] -= BACKWARDS
             gains[ROTATION] -= BACKWARDS * (abs(values[ROTATION]) > 0.5 * math.pi)
-        best = self._likeliest(gains)
+        best = self._likeliest(gains, left)
         self._best = best
         self.gain, self.parameter, self._left = (float(each[best]) for each in (gains, values, left))
 
@@ -478,14 +484,16 @@ class MotionRelation:
         self.mean = total / max(self._count, WINDOW // 2)
         return total
 
-    def _likeliest(self, gains: FloatArray) -> int:
+    def _likeliest(self, gains: FloatArray, left: FloatArray) -> int:
         """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
         that are turned or mirrored suddenly, whose chain of poses breaks, as that of an odometry does not. What was
         named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
         """
         images, odometry = self._gyro_agrees()
         by_gyro = odometry < images if self._gyro_tells(images, odometry) else None
-        if by_gyro:  # where the odometry stands still, and the gyro does, the robot turns no more than they say
+        if not by_gyro:
+            gains[PANNED] = -np.inf
+        elif left[PANNED] < MAX_LEFT:  # that the images turn is all that contradicts
             gains[[TURN_SCALE, STILL_ODOMETRY]] = -np.inf
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         if self._named is not None:
@@ -598,6 +606,7 @@ class MotionRelation:
             ),
             DRIFT: self._drifting(),
             STILL_ODOMETRY: Explanation(Culprit.ODOMETRY, "odometry stands still while the images move"),
+            PANNED: Explanation(Culprit.IMAGES, TURNING),
             STILL_IMAGES: Explanation(Culprit.IMAGES, "the image has not changed while the wheels turned"),
             GYRO: Explanation(Culprit.ODOMETRY, "odometry turns otherwise than images and gyro"),
         }[self._best]
@@ -642,7 +651,7 @@ class MotionRelation:
         images, odometry = self._gyro_agrees()
         if images < odometry:
             return Explanation(Culprit.ODOMETRY, "odometry's heading drifts")
-        return Explanation(Culprit.IMAGES, "images turn while the robot does not")
+        return Explanation(Culprit.IMAGES, TURNING)
 
     def _unexplained(self) -> Explanation:
         images, odometry = self._gyro_agrees()
