@@ -239,3 +239,16 @@ def test_workers_end_with_who_started_them(tmp_path: Path) -> None:
     # its output ends when the last process that has it ends
     said = subprocess.run([sys.executable, str(script)], stdout=subprocess.PIPE, timeout=60, check=False)
     assert (said.returncode, said.stdout) == (-signal.SIGKILL, b"[7]\n")
+
+
+def test_whoever_interrupts_twice_does_not_wait_for_what_workers_have_at_hand(tmp_path: Path) -> None:
+    script = tmp_path / "twice.py"
+    script.write_text(
+        "import os, signal, threading, time\nfrom touchline.evaluation.workers import open_workers\n"
+        "if __name__ == '__main__':\n    with open_workers(2) as workers:\n"
+        "        for _ in workers.map(time.sleep, [0, 100, 100]):\n"
+        "            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "            raise KeyboardInterrupt\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], stderr=subprocess.PIPE, timeout=60, check=False)
+    assert ended.stderr.count(b"KeyboardInterrupt") >= 2

@@ -62,7 +62,13 @@ class _Pool:
         self._executor = ProcessPoolExecutor(self._count, mp_context=get_context("spawn"), initializer=_begin_worker)
 
     def close(self) -> None:
-        self._executor.shutdown(wait=True, cancel_futures=True)
+        workers = list((self._executor._processes or {}).values())
+        try:
+            self._executor.shutdown(wait=True, cancel_futures=True)
+        except BaseException:  # a second Ctrl-C: nobody would tell them to end, and Python's own end waits for them
+            for worker in workers:
+                worker.terminate()
+            raise
 
     def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
         try:
