@@ -19,14 +19,14 @@ Int32Array = npt.NDArray[np.int32]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 ByteArray = npt.NDArray[np.uint8]
-_HALF, _TURN = math.pi, 2.0 * math.pi
+_TWO_PI = 2.0 * math.pi
 _HALF_TURN = np.outer([-1.0, -1.0, 1.0], [-1.0, -1.0, 1.0])  # of a covariance of x, y, heading
 
 
 def wrap_angle(angle_rad: float) -> float:
     """The angle in (-pi, pi] that points the same way."""
-    wrapped = math.remainder(angle_rad, _TURN)
-    return _HALF if wrapped == -_HALF else wrapped
+    wrapped = math.remainder(angle_rad, _TWO_PI)
+    return math.pi if wrapped == -math.pi else wrapped
 
 
 def wrap_angles(angles_rad: npt.ArrayLike) -> FloatArray:

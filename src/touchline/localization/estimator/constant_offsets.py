@@ -286,10 +286,8 @@ class ConstantOffsets:
 
     def _take(self, sighting: Sighting, history: MotionHistory, steps: StepNoise) -> None:
         before_ns, self._stamp_ns = self._stamp_ns, sighting.stamp_ns
-        if before_ns is None and steps.walks:  # kinematics tell where a head is
-            for axis in (AHEAD, AHEAD + 1):
-                self._joint[axis, axis] = min(self._joint[axis, axis], HEAD_M**2)
-            self._prior[1:3] = np.sqrt(np.diag(self._joint)[AHEAD:LATE])
+        if before_ns is None and steps.walks:
+            self._limit_head()
         if not len(history.odometry.samples):
             return
         seconds = math.inf if before_ns is None else max(1e-9 * (sighting.stamp_ns - before_ns), 0.01)
@@ -314,7 +312,8 @@ class ConstantOffsets:
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
         self._given = False
-        others = [one for one in others if sighting.stamp_ns - one.stamp_ns < 1e9 * KEPT_S]
+        # what is believed without an outlier is by the camera that was unknown, too
+        others = [one for one in others if sighting.stamp_ns - one.stamp_ns < 1e9 * KEPT_S and not sighting.learned]
         apart = apart if self._images >= FIRST_IMAGES else math.nan
         image = sighting.pose, sighting.covariance
         seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, Felt(apart, float(self._velocity[2])))
@@ -341,7 +340,9 @@ class ConstantOffsets:
             return
         if sighting.learned and not self._clock_set:  # another camera saw the images before: nothing has turned
             self._begin(sighting.pose, UNKNOWN)
-            corrected(self._state, self._joint, self._prior, *seen, True)
+            if walks:
+                self._limit_head()
+            self._velocity, _ = corrected(self._state, self._joint, self._prior, *seen, True)
             return
         turned, displaced = self._camera
         if is_turned:
@@ -355,6 +356,12 @@ class ConstantOffsets:
             self._others.append(anew)
         if sighting.blurred:
             self._others.append(before)
+
+    def _limit_head(self) -> None:
+        """Kinematics tell where a head is."""
+        for axis in (AHEAD, AHEAD + 1):
+            self._joint[axis, axis] = min(self._joint[axis, axis], HEAD_M**2)
+        self._prior[1:3] = np.sqrt(np.diag(self._joint)[AHEAD:LATE])
 
     def _found(self, pose: FloatArray, elsewhere: bool) -> None:
         """The robot was found. elsewhere: that may be by any of the errors, and what was in doubt still is."""

@@ -196,7 +196,7 @@ class Filter:
         step, self._joint = corrected
         x, y, heading = step[:3].tolist()
         self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
-        self.scales, self.errors = self.scales + step[3:6], self.errors + step[_ERRORS:]
+        self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS:]
         self.yaw_rate_rad_s += float(step[_YAW_RATE])
         self.delay_s = min(max(self.delay_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
 

@@ -134,7 +134,7 @@ class Integrity:
         pose.
         """
         self.confirmed, self._proved, self._own_half = confirmed, False, own_half
-        self._told = confirmed  # whether anything was given
+        self._prior_given = confirmed  # or taken to be
         self._given = given  # whether the pose was, and the images agreed
         self._moves_proved = self._turns_proved = False  # by the odometry, as the images show them
         self._good_images = 0  # in a row that agree with a pose found in the own half
@@ -151,7 +151,7 @@ class Integrity:
         self._halt_m_s = self._halted_m = 0.0  # speed before the odometry halted, and the way since, unseen
         self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
-        self._contradicted = False  # whether the first images did the pose that was given
+        self._contradicted = False  # whether it was followed by a jump that led far, before the motion proved a pose
         self.statistics: dict[str, float] = {}
         self._worst = 0.0  # of those that distrust something
         self._shares: list[float] = []
@@ -383,7 +383,7 @@ class Integrity:
             good = not jump.elsewhere and best.explained >= GOOD
             self._good_images = self._good_images + 1 if good else 0
             self.confirmed = not jump.elsewhere and (self.confirmed or self._good_images >= GOOD_IMAGES)
-        elif jump.elsewhere and jump.predicted is not None and not self._proved and self._told:
+        elif jump.elsewhere and jump.predicted is not None and not self._proved and self._prior_given:
             self.confirmed = False
             self._contradicted |= not _is_near(best.filter.pose, jump.predicted)
         self._given &= not jump.elsewhere

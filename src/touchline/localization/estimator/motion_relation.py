@@ -41,6 +41,7 @@ REFUTED = 8.0  # cost that the fault of an alarm would have by now, from which i
 OUTLIER_COST = 3.0  # of a step that waits: one in nine does where all is Gaussian, and only waits
 CLEARLY = 4.0  # gain by which the odometry's fault must explain more than one of the images
 FREEDOM = 4.0  # cost of a parameter that is fitted
+FREE_TURN = 0.5  # mean cost of a step's turn, for an explanation that takes it as the images have it
 ARRIVED = 10.0  # log-odds for a lag by which images come otherwise than before
 BACKWARDS = 10.0  # log-odds against images in which a camera that shows what lies ahead would look back
 CONFIRMING = 3  # steps that confirm a pose
@@ -178,8 +179,9 @@ def gains_of(steps, signs, suffixes):  # type: ignore[no-untyped-def]
         for e in range(len(gains)):
             value = fitted[e - signs.shape[0]] if e >= signs.shape[0] else 0.0
             total = saved(steps, signs, e, value, first)
-            if total > gains[e]:
-                gains[e], values[e], left[e] = total, value, (every - total) / (count - first)
+            free = FREE_TURN * (count - first) if e == PANNED else 0.0
+            if total - free > gains[e]:
+                gains[e], values[e], left[e] = total - free, value, (every - total) / (count - first)
     return gains, values, left
 
 
@@ -344,13 +346,16 @@ class MotionRelation:
     @property
     def statistics(self) -> dict[str, float]:
         """Of the alarm's three criteria, as a share of their thresholds."""
-        shares = self.mean / MAX_MEAN, self.sum / MAX_SUM, max(self.gain, 0.0) / MAX_GAIN
-        return dict(zip(STATISTICS, shares, strict=True))
+        return dict(zip(STATISTICS, self._shares, strict=True))
 
     @property
     def worst(self) -> float:
         """The largest of `statistics`."""
-        return max(self.mean / MAX_MEAN, self.sum / MAX_SUM, self.gain / MAX_GAIN, 0.0)
+        return max(self._shares)
+
+    @property
+    def _shares(self) -> tuple[float, float, float]:
+        return self.mean / MAX_MEAN, self.sum / MAX_SUM, max(self.gain, 0.0) / MAX_GAIN
 
     @property
     def _is_telling(self) -> bool:
@@ -470,7 +475,6 @@ class MotionRelation:
         if self.clock_s:
             gains[FIRST_LAG + int(np.argmin(np.abs(LAGS_S - self.clock_s)))] += ARRIVED
         gains[GYRO] -= CLEARLY  # it says what turns otherwise, not why: a sign or a scale says more
-        gains[PANNED] -= 0.5 * self._count  # the mean cost of a turn, which it takes as the images have it
         if not self.all_round:
             gains[BACK_TO_FRONT] -= BACKWARDS
             gains[ROTATION] -= BACKWARDS * (abs(values[ROTATION]) > 0.5 * math.pi)
@@ -487,13 +491,14 @@ class MotionRelation:
     def _likeliest(self, gains: FloatArray, left: FloatArray) -> int:
         """The explanation that saves most. Where odometry and images might be to blame alike, the gyro tells; or images
         that are turned or mirrored suddenly, whose chain of poses breaks, as that of an odometry does not. What was
-        named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too.
+        named stays so: mirrored images of a robot that drives straight on are an odometry with a wrong sign, too. That
+        images turn for themselves is for the gyro to say, and refutes an odometry that tells no turn.
         """
         images, odometry = self._gyro_agrees()
         by_gyro = odometry < images if self._gyro_tells(images, odometry) else None
         if not by_gyro:
             gains[PANNED] = -np.inf
-        elif left[PANNED] < MAX_LEFT:  # that the images turn is all that contradicts
+        elif left[PANNED] < MAX_LEFT:  # nothing else contradicts
             gains[[TURN_SCALE, STILL_ODOMETRY]] = -np.inf
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         if self._named is not None:
