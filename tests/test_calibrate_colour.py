@@ -262,11 +262,12 @@ def test_a_kept_table_is_never_learned_anew(
     monkeypatch.setattr(self_learning, "FADED_FRAMES", 1)
     learning = LearningSettings(colour_file=str(tmp_path / "colours.npz"), frames=2)
     detector = SelfLearningDetector(camera, learning=learning)
-    dim = (image * 0.5).astype(np.uint8)
-    for stamp, picture in enumerate((image, image, dim, dim, dim)):
+    dim, warm = ((image * light).astype(np.uint8) for light in (0.5, (0.7, 1.0, 1.3)))
+    for stamp, picture in enumerate((image, image, warm, dim, dim, dim)):
         detector.observe(Frame(stamp, image=picture))
         assert detector.detector.colours is not None
         assert np.array_equal(detector.detector.colours.table, colours.table)
+        assert np.array_equal(detector.detector.colours.green, colours.green)
 
 
 # --- the command ------------------------------------------------------------------------------------------------------

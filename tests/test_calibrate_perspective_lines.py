@@ -188,6 +188,15 @@ def test_what_stays_open_is_named_with_its_cause(lean_deg: float, reason: str) -
         perspective_lines._check(found, 6)
 
 
+def test_a_swaying_body_is_blamed_for_roll_and_pitch_alone() -> None:
+    fit = fit_of(TRUE, POSES, [1.0] * 6)
+    fit.covariance[ROLL, ROLL], fit.covariance[HEIGHT, HEIGHT] = math.radians(1.0) ** 2, 0.1**2
+    swayed = fit._replace(learned=Learned(math.radians(2.2), 0.3, 0.002))
+    found = perspective_lines.PerspectiveLines(camera_at("pinhole", SIZE, TRUE), swayed, tuple(range(6)), ())
+    with pytest.raises(NoFitError, match="leave the camera's roll open"):
+        perspective_lines._check(found, 6)
+
+
 def test_images_of_a_few_pixels_are_refused() -> None:
     with pytest.raises(NoFitError, match="images of 8 x 6 pixels"):
         calibrate_perspective_lines([np.full((6, 8, 3), 90, dtype=np.uint8)], FIELD, "fisheye")

@@ -36,7 +36,7 @@ from touchline.perception.line_graph.colour_classes import (
     suppress_fringes,
 )
 from touchline.perception.line_graph.colour_memory import ColourMemory
-from touchline.perception.line_graph.contrast import learn_contrast, white_blocks
+from touchline.perception.line_graph.contrast import contrasts, learn_contrast, white_blocks
 from touchline.perception.line_graph.field_lines import FoundLines, _without_faint
 from touchline.perception.line_graph.image_plane import image_plane
 from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank_cells
@@ -137,6 +137,17 @@ def test_paint_beside_a_dark_floor_is_white(floor: tuple[int, ...], is_line: boo
     assert bool(white[10:50, 30:33].all()) is is_line
     assert not white[:, :29].any()
     assert not white[:, 34:].any()
+
+
+def test_a_shadow_on_textured_carpet_is_no_floor() -> None:
+    """At its edge, too, paint has to be less coloured than both sides."""
+    rng, reach = np.random.default_rng(7), np.full((200, 2), 4)
+    blocks = np.multiply.outer(np.exp(0.06 * rng.normal(size=(200, 60))), (110.0, 150.0, 120.0))
+    blocks *= np.exp(0.06 * rng.normal(size=blocks.shape))
+    blocks[:, 30:] *= 0.35
+    carpet = blocks.astype(np.float32)
+    np.testing.assert_array_equal(contrasts(carpet, reach, dark=2.0), contrasts(carpet, reach))
+    assert not white_blocks(carpet, reach, 0.15).any()
 
 
 def test_where_colours_tell_paint_the_carpet_beside_it_is_not_asked() -> None:

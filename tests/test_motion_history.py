@@ -242,6 +242,38 @@ def test_beyond_the_newest_samples_the_last_motion_goes_on_from_any_stamp() -> N
     assert stopped.missing_s == pytest.approx(0.1)
 
 
+def test_arrays_are_the_samples_after_each_change_and_earlier_ones_stay() -> None:
+    held = SampleHistory(columns=2)
+    kept: list[int] = []
+    seen: list[tuple[NDArray[np.int64], NDArray[np.float64], list[int]]] = []
+
+    def check() -> None:
+        seen.append((*held.arrays, list(kept)))
+        for stamps, table, wanted in seen:
+            assert stamps.tolist() == wanted
+            assert table.tolist() == [[float(stamp), -float(stamp)] for stamp in wanted]
+
+    check()
+    stamp = 0
+    for turn in range(60):  # more samples than there is room for at first
+        new = np.arange(stamp + 1, stamp + 4)
+        held.add(Samples(new, np.column_stack((new, -new)).astype(np.float64)))
+        kept += new.tolist()
+        check()
+        stamp += 4
+        held.append(stamp, [float(stamp), -float(stamp)])
+        kept.append(stamp)
+        check()
+        if turn % 3 == 2:
+            held.forget_before(stamp - 9)
+            kept = [each for each in kept if each >= stamp - 9]
+            check()
+        if turn == 40:
+            held.clear()
+            kept = []
+            check()
+
+
 def test_time_does_not_run_backwards() -> None:
     one = history()
     one.add(Frame(SECOND))

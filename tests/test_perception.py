@@ -240,10 +240,32 @@ def test_the_tint_of_the_light_is_followed_from_image_to_image(
 def test_carpet_that_glosses_is_no_tint_to_a_mirror() -> None:
     """White light on top of the carpet's own makes it pale, and its paint no other colour."""
     carpet, pixels = np.array([60.0, 120.0, 70.0]), np.argwhere(np.ones((10, 10), dtype=np.bool_))
-    glossy = np.full((10, 10, 3), carpet + 40.0).astype(np.uint8)
+    glossy, warm = (np.full((10, 10, 3), each, dtype=np.uint8) for each in (carpet + 40.0, carpet * (1.2, 1.0, 0.8)))
     assert Tint().follow(glossy, pixels, carpet)
     assert not Tint(warmth=True).follow(glossy, pixels, carpet)
-    assert Tint(warmth=True).follow((carpet * (1.2, 1.0, 0.8)).astype(np.uint8) + 0 * glossy, pixels, carpet)
+    assert Tint(warmth=True).follow(warm, pixels, carpet)
+
+
+def test_small_images_follow_the_tint_too_and_noise_goes_with_the_signal() -> None:
+    whole, size = mirror_camera(), 180
+    center = (0.5 * (size - 1),) * 2
+    camera = replace(whole, width=size, height=size, center=center, outer_radius_px=82.0,
+                     radius_px=0.375 * whole.radius_px)  # fmt: skip
+    image = paint_ground(camera, line_field(CROSS))
+    detector = LinePointDetector(camera)
+    detector.learn([image])
+    learned, noise = detector.colours, detector._noise
+    assert learned is not None
+    detector.follow(image)
+    assert detector.colours is learned
+    assert detector._noise == noise
+    detector.follow((image * (0.7, 1.0, 1.3)).clip(0, 255).astype(np.uint8))
+    assert detector.colours is not learned
+    longer = np.linalg.norm(detector.colours.signal) / np.linalg.norm(learned.signal)
+    assert detector._noise == pytest.approx(noise * longer)
+    assert abs(longer - 1.0) > 0.02
+    with pytest.raises(InputError, match="the camera file says"):
+        detector.follow(image[1:])
 
 
 def test_points_that_a_frame_brings_are_taken_as_they_are() -> None:

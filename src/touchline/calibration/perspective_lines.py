@@ -193,6 +193,10 @@ def _usual_states(model: str, size: tuple[int, int]) -> FloatArray:
     return states
 
 
+def _names(parameters: Sequence[int]) -> str:
+    return listed([NAMES[k] for k in parameters])
+
+
 def _check(found: PerspectiveLines, images: int) -> None:
     """Raises NoFitError, naming what so many images leave open."""
     on_lines = float(np.mean(found.fit.on_lines))
@@ -208,7 +212,6 @@ def _check(found: PerspectiveLines, images: int) -> None:
             "measure its sizes, or add images from other places"
         )
     open_ones = [k for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
-    names = listed([NAMES[k] for k in open_ones])
     lean_rad = found.fit.learned.lean_rad
     swaying = [
         k for k in open_ones if k in {ROLL, PITCH} and lean_rad**2 > 0.5 * len(found.used) * found.deviations[k] ** 2
@@ -216,10 +219,11 @@ def _check(found: PerspectiveLines, images: int) -> None:
     if swaying:
         raise NoFitError(
             f"the body leans by {math.degrees(lean_rad):.1f}° from image to image (a standard deviation), so "
-            f"{len(found.used)} images leave the camera's {names} open: let the robot stand still, or add images"
+            f"{len(found.used)} images leave the camera's {_names(swaying)} open: let the robot stand still, or add "
+            "images"
         )
     if open_ones:
         raise NoFitError(
-            f"these images don't tell the camera's {names}: add images from other places, with the "
+            f"these images don't tell the camera's {_names(open_ones)}: add images from other places, with the "
             "centre circle, a penalty area or a corner in view"
         )

@@ -4,6 +4,7 @@ After section 4.1 of Xiong et al. and section 4 of Lu et al. (2013): colour clas
 green-white-green transitions. Colours are learned from the recording's own first images.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -72,7 +73,7 @@ SHORT_CHORD = 1.3
 WIDER_PAINT = 1.4  # so many times the width that is set the paint must look before it is taken to be wider
 BAND = 2.2  # white beside the robot so many times longer than wide is a line, if it is not wider than two: no panel
 NEAR_SHARE = 0.65  # of the reach: nearer it is mostly carpet
-TINT_EVERY_PX = 10  # of these pixels, both ways, that tell the light's tint
+TINT_PIXELS = 350  # of these, at least (where there are as many), tell the light's tint
 NEAR_M = 3.0  # where blur adds little to a line's width
 FIELD_GAP_M = 0.6  # a gap in the green longer than this ends the field: wider than any line in blur and shadow
 NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no pixel: carpet, calibration
@@ -131,7 +132,10 @@ class LinePointSettings(Settings):
 
 
 class LinePointDetector:
-    """Finds line points in the images of one camera. `learn` first, then `detect` each image."""
+    """Finds line points in the images of one camera. `learn` first, then `detect` each image.
+
+    `follow` before it takes on the tint of an image's light: `colours` are the learned ones in that light.
+    """
 
     def __init__(self, camera: Camera, settings: LinePointSettings | None = None, line_width_m: float = 0.125) -> None:
         """Raises InputError for a camera that does not look at a mirror."""
@@ -149,11 +153,12 @@ class LinePointDetector:
         self._learned: ColourModel | None = None
         self._tint = Tint(warmth=True)
         ring = (self._radius_px > mirror.inner_radius_px) & (self._radius_px < NEAR_SHARE * self.outer_px)
-        self._carpet = TINT_EVERY_PX * np.argwhere(ring[::TINT_EVERY_PX, ::TINT_EVERY_PX])
+        every = max(math.isqrt(np.count_nonzero(ring) // TINT_PIXELS), 1)
+        self._carpet = every * np.argwhere(ring[::every, ::every])
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
         self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, FIELD_GAP_M)
         self._smoothing_px = 0.0
-        self._noise = 0.0
+        self._noise = self._learned_noise = 0.0
         self._greens = 0  # of the samples
         self._samples = no_samples(len(self.scan_lines.samples))
         self._found = np.empty((2048, COLUMNS))
@@ -182,9 +187,8 @@ class LinePointDetector:
         white = self._white_on_lines(smooth, found)
         if white is not None:
             self.colours = colour_model(carpet, white)
-        self._noise = signal_noise(smooth, near, self.colours)
         self._see_body(self._own_body(smooth))
-        self._know(self.colours)
+        self._know(self.colours, signal_noise(smooth, near, self.colours))
 
     def use_colours(self, colours: ColourModel, images: Sequence[ImageArray] = ()) -> None:
         """Take a learned or loaded colour table instead of learning one; `learn` would replace it.
@@ -194,9 +198,8 @@ class LinePointDetector:
         """
         for image in images:
             check_size(image, self.camera)
-        self._know(colours)
+        self._know(colours, float(np.linalg.norm(colours.signal)) * min(colours.noise, SMOOTH_NOISE))
         self._smoothing_px = smoothing_for(colours.noise)
-        self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, SMOOTH_NOISE)
         smooth = [smoothed(image, self._smoothing_px) for image in images]
         self._see_body(self._own_body(smooth) if smooth else np.zeros_like(self.body))
 
@@ -207,12 +210,18 @@ class LinePointDetector:
         self._see_body(np.zeros_like(self.body))
 
     def follow(self, image: ImageArray) -> None:
-        """Take on the tint that an image (H, W, 3) gives the carpet."""
-        if self._learned is not None and self._tint.follow(image, self._carpet, self._learned.green):
-            self.colours = tinted_model(self._learned, self._tint.value)
+        """Take on the tint that an image (H, W, 3) gives the carpet. Raises InputError for one of another size."""
+        check_size(image, self.camera)
+        learned = self._learned
+        if learned is not None and self._tint.follow(image, self._carpet, learned.green):
+            self.colours = tinted_model(learned, self._tint.value)
+            longer = float(np.linalg.norm(self.colours.signal) / np.linalg.norm(learned.signal))
+            self._noise = longer * self._learned_noise
 
-    def _know(self, colours: ColourModel | None) -> None:
+    def _know(self, colours: ColourModel | None, noise: float = 0.0) -> None:
+        """Take on colours, with the standard deviation of their signal."""
         self.colours = self._learned = colours
+        self._noise = self._learned_noise = noise
         self._tint.forget()
 
     def detect(self, image: ImageArray) -> LinePoints:

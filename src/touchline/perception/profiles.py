@@ -120,7 +120,8 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     `FLANK_PX` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
     the scan line, and the first beyond it.
     """
-    # unsigned places, here and in what these call: none counts from the end, for which each look-up would be tested
+    # unsigned places, here and in what these call: none counts from the end, for which each look-up would be tested. A
+    # step back is 2^64 - 1 then, and adding it wraps; `room` keeps all of a flank in the scan line
     top, count, leap = values[LEVEL, np.uint64(peak)], FLANK_PX, np.uint64(step)
     least, dim = 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
@@ -272,6 +273,8 @@ def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
     if top <= base:
         return -1.0
     half = 0.5 * (base + top)
+    # the flank behind the foot has the mean level `base`, below half: one of its samples ends this, so that no place
+    # beyond the scan line is asked
     for _ in range(12):
         k -= step
         level = levels[np.uint64(k)]

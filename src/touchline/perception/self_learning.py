@@ -134,7 +134,7 @@ class SelfLearningDetector:
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
         detector = self.detector
-        if self.settings.paper.again:
+        if self._kept is None and self.settings.paper.again:
             detector.follow(image)
         points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)
         if self._kept is None and self.settings.paper.again and self._first.watch(detector.green_share):

@@ -1,5 +1,6 @@
 """The tint of the light, by the carpet: clouds pass, lamps go on, and what was learned is multiplied by it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray, IntArray
 from touchline.perception.colour import CELLS, ColourModel
-from touchline.perception.line_graph.sorting import median_of
+from touchline.perception.sorting import median_of
 from touchline.types import ImageArray
 
 NO_TINT = np.ones(3)
@@ -36,12 +37,13 @@ class Tint:
         shares, least = np.empty(3), _GREENISH * (usual[1] - 1.0 / 3.0)
         if _carpet_shares(np.ascontiguousarray(image), pixels, least, shares) < _MIN_PIXELS:
             return False
-        change = np.log(np.maximum(shares, 1e-3) / np.maximum(usual, 1e-6))
+        change = [math.log(max(share, 1e-3) / max(own, 1e-6)) for share, own in zip(shares, usual, strict=True)]
         if self._warmth:
-            change = 0.5 * (change[0] - change[2]) * np.array([1.0, 0.0, -1.0])
-        tint = np.exp(np.clip(change, -_MAX_TINT, _MAX_TINT))
-        changed = bool(np.abs(np.log(tint / self.value)).max() > _MIN_TINT)
-        self.value = tint if changed else self.value
+            warmth = 0.5 * (change[0] - change[2])
+            change = [warmth, 0.0, -warmth]
+        tint = [math.exp(min(max(each, -_MAX_TINT), _MAX_TINT)) for each in change]
+        changed = any(abs(math.log(new / old)) > _MIN_TINT for new, old in zip(tint, self.value, strict=True))
+        self.value = np.array(tint) if changed else self.value
         return changed
 
 
@@ -49,7 +51,12 @@ def tinted_model(model: ColourModel, tint: FloatArray) -> ColourModel:
     """A model in a light that multiplies B, G, R by a tint (3,)."""
     middles = (np.arange(CELLS) + 0.5) / tint[:, np.newaxis]
     table = model.table[np.ix_(*np.minimum(middles, CELLS - 1).astype(np.intp))]
-    return replace(model, table=table, green=model.green * tint, white=model.white * tint, signal=model.signal / tint)
+    return replace(tinted_colours(model, tint), table=table)
+
+
+def tinted_colours(model: ColourModel, tint: FloatArray) -> ColourModel:
+    """The same without its table, which stays that of the learned light."""
+    return replace(model, green=model.green * tint, white=model.white * tint, signal=model.signal / tint)
 
 
 @njit(cache=True, error_model="numpy")

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.perception.line_graph.sorting import order_of
+from touchline.perception.sorting import order_of
 
 STRAIGHT_RAD = math.radians(24.0)
 """Two arms in the whole image that go straight on, or stand at right angles, do so to within this."""

@@ -20,7 +20,7 @@ from touchline.perception.colour import ColourModel, channel_sums, colour_model,
 from touchline.perception.colour_ellipses import is_black, luma_chroma, nearest_ellipse, tinted_chroma
 from touchline.perception.line_graph.contrast import learn_contrast
 from touchline.perception.line_graph.standing_colours import standing_ellipses
-from touchline.perception.tint import NO_TINT
+from touchline.perception.tint import NO_TINT, tinted_colours
 from touchline.types import ImageArray
 
 CELL_PX = 8
@@ -109,8 +109,7 @@ def tinted_classes(classes: ColourClasses, tint: FloatArray) -> ColourClasses:
     model = classes.model
     table = relative_table(model, tint)
     tables = np.stack((table, _with_washed_carpet(table, model, tint)))
-    model = replace(model, green=model.green * tint, white=model.white * tint, signal=model.signal / tint)
-    return classes._replace(tables=tables, model=model)
+    return classes._replace(tables=tables, model=tinted_colours(model, tint))
 
 
 def _classes(model: ColourModel, carpet: FloatArray | None) -> ColourClasses:

@@ -69,11 +69,15 @@ class ColourMemory:
         self._tint.forget()
 
     def follow(self, image: ImageArray) -> None:
-        """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on."""
-        if self._learned is None or self._ground is None or not self._learned.local:
+        """Take on the tint that an image (H, W, 3) gives the carpet, bright or dark: clouds pass, lamps go on.
+
+        A colour file's colours stay.
+        """
+        learned = self._learned
+        if learned is None or self._ground is None or not learned.local:
             return
-        if self._tint.follow(image, self._ground, self._learned.model.green):
-            self.classes = tinted_classes(self._learned, self._tint.value)
+        if self._tint.follow(image, self._ground, learned.model.green):
+            self.classes = tinted_classes(learned, self._tint.value)
 
     def watch(self, counts: CountArray, horizon: BoolArray, ends: FloatArray) -> None:
         """Begin to learn anew when much less of the ground is green than usual, for some images in a row.

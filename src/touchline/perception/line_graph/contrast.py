@@ -19,6 +19,7 @@ from touchline.types import ImageArray
 BLOCK_PX = 2  # turf glitters: means of so many pixels each way are compared
 _THICK = 2  # blocks to the sides of a line that is wide enough for the mean of 3 x 3 of them
 _DARK = 2.0  # so many times as much brighter than a floor that is no carpet, on one side
+_GREY = 0.3  # of the carpet's colour on the other side, at most, has such a floor: the carpet's shadow has nearly all
 _COLOUR = 2.0  # as much weighs a change of colour against one of brightness: paint then changes both alike
 _TEXTURE, _ABOVE = 0.99, 1.5  # quantile of what is as much darker and more coloured, and times it is no texture
 _MIN_CONTRAST = 0.02  # of the logarithm: carpet without any texture is drawn
@@ -51,7 +52,7 @@ def contrasts(blocks: Float32Array, reach: IntArray, sign: float = 1.0, dark: fl
 
     reach: (R, 2) how far, in blocks across and along the image, its sides are in each row; 0: it sees no ground. sign:
     -1 for darker and more coloured. dark: a block that is brighter than one side by so many times as much need not be
-    less coloured than that.
+    less coloured than that, where that has hardly a colour against the other side.
     """
     blue, green, red = cv2.split(cv2.log(blocks + 1.0))
     other = 0.5 * (blue + red)
@@ -79,8 +80,12 @@ def _exceed(own: Float32Array, beside: Float32Array, reach: IntArray, dark: floa
                 bright, pale = own[row, column, 0] - one[0], own[row, column, 1] - one[1]
                 brighter, paler = own[row, column, 0] - other[0], own[row, column, 1] - other[1]
                 first, second = min(bright, pale), min(brighter, paler)
-                besides_dark = max(min(first, brighter / dark), min(second, bright / dark))
-                found[row, column] = max(found[row, column], min(first, second), besides_dark)
+                exceeds = min(first, second)
+                if other[1] >= _GREY * one[1]:
+                    exceeds = max(exceeds, min(first, brighter / dark))
+                if one[1] >= _GREY * other[1]:
+                    exceeds = max(exceeds, min(second, bright / dark))
+                found[row, column] = max(found[row, column], exceeds)
 
 
 def white_blocks(blocks: Float32Array, reach: IntArray, least: float) -> BoolArray:

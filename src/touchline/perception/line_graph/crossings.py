@@ -32,8 +32,8 @@ from touchline.perception.line_graph.profiles import (
     signal_at,
 )
 from touchline.perception.line_graph.settings import LineGraphSettings
-from touchline.perception.line_graph.sorting import order_of
 from touchline.perception.line_graph.structure import Structure
+from touchline.perception.sorting import order_of
 from touchline.types import Crossings, Lines, no_crossings
 
 _SAMPLES = 96

@@ -26,7 +26,7 @@ from touchline.perception.line_graph.image_plane import (
     ground_from_pixel,
     plane_from_pixel,
 )
-from touchline.perception.line_graph.sorting import median_of
+from touchline.perception.sorting import median_of
 
 _GAP = 4  # cells in a row that are no field: the boundary is reached
 _WIDE, _FIRST, _LAST = 4, 4, 8  # s: columns i - 4 .. i + 4, rows j - 8 .. j - 4

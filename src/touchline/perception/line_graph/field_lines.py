@@ -98,7 +98,7 @@ def _without_faint(found: FoundLines) -> FoundLines:
 
 @njit(cache=True, error_model="numpy")
 def _are_strong(points: FloatArray) -> BoolArray:
-    """(L,) of lines by their points, which follow one another."""
+    """(L,) whether lines are, by their points (P, 5), which follow one another."""
     paint = np.zeros(int(points[-1, 2]) + 1)
     count = np.zeros_like(paint)
     for point in points:

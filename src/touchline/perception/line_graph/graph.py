@@ -13,7 +13,7 @@ from numba import njit
 from touchline.geometry import ByteArray, FloatArray, IntArray
 from touchline.matrices import uncounted
 from touchline.perception.line_graph.skeleton import NO_SKELETON
-from touchline.perception.line_graph.sorting import order_of
+from touchline.perception.sorting import order_of
 
 MAX_NODES = 1500
 MAX_LINKS = 8

@@ -10,7 +10,7 @@ from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
 from touchline.perception.line_graph.lines import fit_line, fit_with_ends
 from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, Pixels, read_profile
-from touchline.perception.line_graph.sorting import median_of
+from touchline.perception.sorting import median_of
 
 _CELLS_PX = 0.5 * CELL_PX + 1.0  # how far off the cells may have a line
 _MAX_MISSED = 0.25  # profiles of such a line without paint, as a share of those with
