@@ -245,8 +245,8 @@ def test_whoever_interrupts_twice_does_not_wait_for_what_workers_have_at_hand(tm
     script = tmp_path / "twice.py"
     script.write_text(
         "import os, signal, threading, time\nfrom touchline.evaluation.workers import open_workers\n"
-        "if __name__ == '__main__':\n    with open_workers(2) as workers:\n"
-        "        for _ in workers.map(time.sleep, [0, 100, 100]):\n"
+        "if __name__ == '__main__':\n    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "    with open_workers(2) as workers:\n        for _ in workers.map(time.sleep, [0, 100, 100]):\n"
         "            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
         "            raise KeyboardInterrupt\n"
     )
