@@ -13,6 +13,7 @@ import numpy as np
 from touchline.field import FieldModel
 from touchline.field.association import AssociationTables
 from touchline.geometry import FloatArray, IntArray
+from touchline.matrices import uncounted
 
 
 class PointFeatures(NamedTuple):
@@ -152,6 +153,7 @@ def best_place(points, i, tables, polar, pose):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def add_points(found, poses, points, tables, polar):  # type: ignore[no-untyped-def]
     """Add the logarithms of section 5.3's mixture of all points to found (N,), of poses (N, 3)."""
+    points, tables = uncounted((points, tables))
     for j in range(poses.shape[0]):
         heading = poses[j, 2]
         pose = (poses[j, 0], poses[j, 1], heading, math.cos(heading), math.sin(heading))

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.arms import STRAIGHT_RAD, arms_meet, judge_arms
 from touchline.perception.line_graph.cell_crossings import crossings_in_cells
 from touchline.perception.line_graph.field_lines import cell_pixels
@@ -26,6 +27,7 @@ from touchline.perception.line_graph.profiles import (
     NEAR_PX,
     NO_LINE,
     OUTSIDE,
+    PROFILE_ROOM,
     Pixels,
     is_carpet,
     read_profile,
@@ -88,6 +90,7 @@ def _as_crossings(found: FloatArray, plane: ImagePlane, settings: LineGraphSetti
 @njit(cache=True, error_model="numpy")
 def _verify(pixels, plane, candidates, by_paths, ends_m, max_range_m, found):  # type: ignore[no-untyped-def]
     """Verify candidates (C, 2), of which the first so many may be told by paths; see `verified` for a row of found."""
+    pixels, plane, candidates, ends_m, found = uncounted((pixels, plane, candidates, ends_m, found))
     count = 0
     for k in range(len(candidates)):
         x, y = candidates[k]
@@ -185,7 +188,7 @@ def _along_lines(pixels: Pixels, plane: ImagePlane, x: float, y: float, ends_m: 
 @njit(cache=True, error_model="numpy")
 def read_arm(pixels: Pixels, plane: ImagePlane, x: float, y: float, angle: float) -> int:
     """Whether an arm of paint leaves a ground point at an angle: LINE, NO_LINE (carpet), or OUTSIDE where unknown."""
-    found = np.empty(5)
+    found = np.empty(PROFILE_ROOM)
     c, s = math.cos(angle), math.sin(angle)
     painted, near, bare = 0, 0, 0
     width, height = plane.size[0], plane.size[1]

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import BoolArray, FloatArray
-from touchline.matrices import copy_row
+from touchline.matrices import copy_row, uncounted
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
@@ -143,6 +143,7 @@ def _at_ends(plane: ImagePlane, lines: FloatArray) -> FloatArray:
 @njit(cache=True, error_model="numpy")
 def _place_all(pixels, plane, candidates, limits, found):  # type: ignore[no-untyped-def]
     """Place candidates (L, 4), then those at the ends of the lines; how many lines and points are found."""
+    pixels, plane, candidates, found = uncounted((pixels, plane, candidates, found))
     none = np.int64(0)  # a literal 0 is a type of its own: it would be compiled twice
     lines, total = _place_lines(pixels, plane, candidates, limits, found, (none, none))
     if limits.subpixel:

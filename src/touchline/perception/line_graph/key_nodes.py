@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray, IntArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.graph import Graph, connect, disconnect, length_between
 
 _SPUR = 2.6  # cells: shorter lines that end in a junction are eliminated
@@ -27,6 +28,7 @@ def key_nodes(graph: Graph) -> tuple[Graph, FloatArray]:
 @njit(cache=True)
 def _clean(graph: Graph, found: FloatArray) -> int:
     """Clean the graph; its candidates into found (C, 4); returns how many."""
+    graph = uncounted(graph)
     remove_spurs(graph)
     merge_junctions(graph)
     remove_spurs(graph)

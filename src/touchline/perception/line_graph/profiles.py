@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import ImagePlane, pixel_from_ground
 from touchline.types import ImageArray
@@ -19,6 +20,9 @@ OUTSIDE, NO_LINE, LINE = 0, 1, 2
 NEAR_PX = 2.0
 """How far off a line that other profiles have placed is looked for."""
 _MAX_SAMPLES = 160
+_FOUND = 5
+PROFILE_ROOM = _FOUND + _MAX_SAMPLES
+"""Numbers that a profile needs room for: what it found, then its samples."""
 _FLANK_PX = 3  # carpet looked at on each side
 _FAINTEST = 0.25  # least contrast of a line
 _PALE_FLANK = 0.3  # what is beside a line is no whiter than this share of its contrast
@@ -109,8 +113,8 @@ def read_profile(
 ) -> int:
     """Read a profile across a line whose ground point (x, y) and normal (nx, ny) are known to within reach_px.
 
-    Writes the middle's pixel u, v, its width (px), the width expected (px) and its contrast into found (5,). Returns
-    OUTSIDE, NO_LINE or LINE.
+    Writes the middle's pixel u, v, its width (px), the width expected (px) and its contrast into found (PROFILE_ROOM,),
+    whose other numbers it uses. Returns OUTSIDE, NO_LINE or LINE.
     """
     cut = cut_across(pixels, plane, x, y, nx, ny)
     if not cut.width_px > 0.0:
@@ -118,7 +122,8 @@ def read_profile(
     height, width = pixels.image.shape[0], pixels.image.shape[1]
     steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MAX_SAMPLES - 2))
     near = min(_near(cut.width_px, reach_px), steps)
-    samples, top = np.full(2 * steps + 1, np.nan), -np.inf
+    samples, top = uncounted(found)[_FOUND : _FOUND + 2 * steps + 1], -np.inf
+    samples[:] = np.nan
     for k in range(-near, near + 1):
         samples[steps + k] = _sample(pixels, cut, k)
         top = samples[steps + k] if samples[steps + k] > top else top

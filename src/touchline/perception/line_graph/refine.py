@@ -9,7 +9,7 @@ from touchline.geometry import FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
 from touchline.perception.line_graph.lines import fit_line, fit_with_ends
-from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, Pixels, read_profile
+from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, PROFILE_ROOM, Pixels, read_profile
 from touchline.perception.sorting import median_of
 
 _CELLS_PX = 0.5 * CELL_PX + 1.0  # how far off the cells may have a line
@@ -113,7 +113,7 @@ def _along(
     focal = plane.lens.pinhole[0]
     steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / _STEP_PX)
     steps = min(max(steps, _MIN_PROFILES), _MAX_PROFILES)
-    found = np.empty(5)
+    found = np.empty(PROFILE_ROOM)
     hits, misses = 0, 0
     for k in range(steps):
         shown = _read_at(pixels, plane, line, (k + 0.5) / steps, reach_px, found)
@@ -204,7 +204,7 @@ def _fit_robustly(rows: FloatArray, outlier: float, line: FloatArray) -> IntArra
 @njit(cache=True, error_model="numpy")
 def _extend(pixels: Pixels, plane: ImagePlane, line: FloatArray, backward: bool, rows: FloatArray) -> int:
     """Profiles beyond an end, until the line has ended, into rows (N, 6); returns how many there are."""
-    found = np.empty(5)
+    found = np.empty(PROFILE_ROOM)
     length_px = plane.lens.pinhole[0] * math.hypot(line[2] - line[0], line[3] - line[1])
     gap_m, step, begin = _GAP_WIDTHS * pixels.width_m, _STEP_PX / max(length_px, 1.0), 1.0
     if backward:

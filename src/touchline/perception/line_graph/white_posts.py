@@ -13,6 +13,7 @@ from numba import njit
 
 from touchline.field import Post
 from touchline.geometry import FloatArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.image_plane import ImagePlane, Numbers, pixel_from_plane
 from touchline.perception.line_graph.profiles import Pixels, is_carpet, signal_at
 from touchline.types import Lines
@@ -23,6 +24,7 @@ _SAMPLES = 32  # up the post
 _MIN_HEIGHT, _FOOT, _MAX_HEIGHT = -0.25, 0.25, 1.3  # of its height: what is looked at, and the top of its foot
 _MIN_FREE, _FIRST = 0.08, 0.05  # of its height below and above 0: there is the line
 _GLANCE = 0.15  # of its height: where it is white at any rate
+_GROUND = math.ceil(-_MIN_HEIGHT / (_MAX_HEIGHT - _MIN_HEIGHT) * (_SAMPLES - 1))  # the first at it or above
 _ENOUGH = 0.7  # share of the samples that are a ridge
 _MIN_M, _MIN_PX = 0.4, 24.0  # of a post that must be visible
 _MIN_WIDTH_PX = 5.0
@@ -62,6 +64,7 @@ def _find(
     """The middle of each run of places along lines (L, 2, 2) with enough of a ridge, into found (N, 5): share, x, y, u,
     v; returns how many. size: height and diameter of a post (m).
     """
+    pixels, plane, lines, found = uncounted((pixels, plane, lines, found))
     count, step, row = 0, _STEP * size[1], np.empty(4)
     for ends in lines:
         dx, dy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
@@ -131,11 +134,13 @@ def _rising(
     seen, risen = np.zeros(4), np.zeros(4)  # below the foot, at it, higher up, beyond the top
     strong = behind = 0
     contrast, lowest, highest = 0.0, -1e9, 1e9
-    for k in range(_SAMPLES):
-        z = _MIN_HEIGHT + (_MAX_HEIGHT - _MIN_HEIGHT) * k / (_SAMPLES - 1)
+    for step in range(_SAMPLES):  # from the ground up, and what is below it last: hardly a place has a foot
+        z = _MIN_HEIGHT + (_MAX_HEIGHT - _MIN_HEIGHT) * ((step + _GROUND) % _SAMPLES) / (_SAMPLES - 1)
         part = 0 if z < 0.0 else 1 if z < _FOOT else 2 if z < 1.0 else 3
         if -_MIN_FREE < z < _FIRST or 1.0 <= z < 1.1:
             continue
+        if part == 2 and (seen[1] < 2 or risen[1] < _ENOUGH * seen[1]):
+            return 0.0, 0.0
         u, v = _pixel_above(plane, above, place, z * size[0])
         rises, bare = _ridge(pixels, plane, above, place, (z * size[0], size[1], u, v))
         if math.isnan(rises):
@@ -149,8 +154,8 @@ def _rising(
                 strong += rises > _STRONG
                 behind += bare
                 contrast += min(rises, 0.5)
-        if part == 2 and (seen[1] < 2 or risen[1] < _ENOUGH * seen[1] or 3 * risen[0] > seen[0]):
-            return 0.0, 0.0
+    if seen[2] > 0 and 3 * risen[0] > seen[0]:
+        return 0.0, 0.0
     total = seen[1] + seen[2]
     long_enough = total * size[0] * (_MAX_HEIGHT - _MIN_HEIGHT) / _SAMPLES >= _MIN_M and lowest - highest >= _MIN_PX
     if not long_enough or behind < _BEHIND or strong < _STRONG_SHARE * total or 2 * risen[3] > seen[3]:
