@@ -96,8 +96,10 @@ def _with_mirror(
 def _with_lens(inputs: list[Path], field: FieldModel, model: str, from_points: bool) -> tuple[str, str, ImageArray]:
     """The same of a camera with a lens alone."""
     from touchline.calibration.perspective import perspective_yaml
+    from touchline.calibration.perspective_bundle import camera_at
     from touchline.calibration.perspective_lines import calibrate_perspective_lines
     from touchline.camera import GroundView
+    from touchline.view.learned_view import seen_through
     from touchline.view.overlay import overlay_image
 
     if from_points:
@@ -108,8 +110,11 @@ def _with_lens(inputs: list[Path], field: FieldModel, model: str, from_points: b
     _warn_unused(paths, found.used)
     words = _lens_words(found, field)
     best = max(range(len(found.used)), key=lambda k: len(found.seen[k].points))
-    pose = found.fit.stands[best].pose
-    drawn = overlay_image(images[found.used[best]], GroundView(found.camera), field, pose, found.seen[best])
+    pose, lean = found.fit.stands[best]
+    level = GroundView(found.camera)
+    leaning = GroundView(camera_at(model, (found.camera.width, found.camera.height), found.fit.state, lean))
+    shown = seen_through(found.seen[best], level, leaning)
+    drawn = overlay_image(images[found.used[best]], leaning, field, pose, shown)
     return perspective_yaml(found.camera, words), words, drawn
 
 
