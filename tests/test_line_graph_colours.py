@@ -375,8 +375,8 @@ def test_paint_is_told_by_what_it_exceeds_the_carpet_by_that_the_sun_brings_to_a
     """Colours that were learned with such a patch in view take it for carpet; all of its G and all paint is 255."""
     green, white = np.array([93.0, 152.0, 84.0]), np.array([173.0, 190.0, 172.0])
     patch, paint = np.array([206, 255, 184]), np.full(3, 255)
-    carpet = Carpet(np.concatenate([each + np.random.default_rng(0).normal(0.0, 4.0, (50, 3)) for each in (green, patch)]),
-                    green, np.array([0.255, 0.283]), 0.03**2 * np.eye(2), 3.0)  # fmt: skip
+    pixels = np.repeat((green, patch), 50, axis=0) + np.random.default_rng(0).normal(0.0, 4.0, (100, 3))
+    carpet = Carpet(pixels, green, np.array([0.255, 0.283]), 0.03**2 * np.eye(2), 3.0)
     model = colour_model(carpet, white)
     classes = classes_of_model(model, yuv=False)
     image = np.zeros((240, 320, 3), dtype=np.uint8)

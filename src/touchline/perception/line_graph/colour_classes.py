@@ -342,8 +342,8 @@ def carpet_light(
 
 @njit(cache=True)
 def tell_paint(model: tuple[FloatArray, FloatArray, FloatArray], light: FloatArray, base: FloatArray) -> None:
-    """Paint is told by what it exceeds the carpet about it by: `base` becomes the signal of this above that of the carpet
-    that was learned, and `light` what is left of it up to paint, or to the whitest that an image can show.
+    """Paint is told by what it exceeds the carpet about it by: `base` becomes the signal of this above that of the
+    carpet that was learned, and `light` what is left of it up to paint, or to the whitest that an image can show.
 
     model: green, white and signal (3,) of the learned colours; the others (rows, columns), as of `carpet_light`.
     """

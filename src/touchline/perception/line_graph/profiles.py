@@ -43,8 +43,8 @@ class Pixels(NamedTuple):
 
     image: (H, W, 3). least_green: excess of G from which on a colour is green, as a share of B + G + R. signal:
     (3, 256) what each value of B, G, R adds: 0 on carpet, 1 on paint in the light that was learned. base: (rows,
-    columns) of cells, signal of the carpet about each. light: by how much that of paint exceeds it there. width_m: of a line. loosest, tightest: how much wider and narrower than expected a
-    line may look.
+    columns) of cells, signal of the carpet about each. light: by how much that of paint exceeds it there. width_m: of a
+    line. loosest, tightest: how much wider and narrower than expected a line may look.
     """
 
     image: ImageArray

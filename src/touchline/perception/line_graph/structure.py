@@ -50,8 +50,9 @@ _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learni
 class Structure(NamedTuple):
     """What section 3 makes of an image, in cells of 8 x 8 pixels.
 
-    counts: (8, rows, columns) pixels of each class. light, base: (rows, columns) as of `Pixels`. ends: (columns,) height of the field's boundary. sees_ground: (rows, columns) below the
-    horizon. smooth: (rows, columns) low-passed white. ranks: (rows, columns) of the skeleton.
+    counts: (8, rows, columns) pixels of each class. light, base: (rows, columns) as of `Pixels`. ends: (columns,)
+    height of the field's boundary. sees_ground: (rows, columns) below the horizon. smooth: (rows, columns) low-passed
+    white. ranks: (rows, columns) of the skeleton.
     """
 
     counts: CountArray
