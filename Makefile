@@ -8,7 +8,7 @@ WHEEL := .venv-wheel
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark pages clean zenoh
+.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark pages clean zenoh
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -97,6 +97,12 @@ package: $(VENV)/installed
 	$(PYTHON) -m venv --clear $(WHEEL)
 	$(WHEEL)/bin/pip install --quiet dist/*.whl
 	cd $(WHEEL) && bin/touchline demo --output demo
+
+# Wheels of compiled loops for x86-64-v3 and ARMv8, which fit this Python and these versions of Numba and NumPy, in
+# build/kernels: five minutes of a core, on x86-64 with AVX2.
+kernels: $(VENV)/installed
+	$(BIN)/pip install --quiet build wheel
+	$(BIN)/python kernels/kernel_wheels.py build/kernels
 
 # Any number of hostile files through every reader: make fuzz N=100000 SEED=7
 fuzz: N ?= 20000

@@ -23,6 +23,8 @@ mount --bind /dev "$root/dev" && mount -t proc proc "$root/proc"
 trap 'umount "$root/dev" "$root/proc"' EXIT
 cp /etc/resolv.conf "$root/etc/"
 rm -rf "$root/tried" && mkdir "$root/tried" && cp dist/touchline-*.whl "$root/tried/"
+# Loops compiled ahead, if `make kernels` has made them with this machine's Python 3.11.
+cp build/kernels/touchline_kernels-*-cp311-*_aarch64.whl "$root/tried/" 2>/dev/null || true
 chroot "$root" sh -c '/venv/bin/pip install --no-compile --force-reinstall /tried/*.whl && /venv/bin/touchline --version'
 cp -r examples/omni_msl_track_short "$root/tried/track"
 for system in touchline nubot-mti; do

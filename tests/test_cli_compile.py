@@ -14,6 +14,7 @@ import pytest
 from touchline.cli.console import announce_compiling
 from touchline.compiling import load_loops_lean
 from touchline.evaluation.workers import open_workers
+from touchline.packed_loops import take_packed_loops
 from touchline.systems import SYSTEMS
 
 RUN = [sys.executable, "-m", "touchline"]
@@ -124,16 +125,17 @@ def test_loops_kept_in_another_shape_are_left_alone(monkeypatch: pytest.MonkeyPa
     load_loops_lean.__wrapped__()
 
 
-def numba_is_set(task: int) -> tuple[bool, str]:
+def numba_is_set(task: int) -> tuple[bool, str, bool]:
     from numba.core.codegen import CPUCodeLibrary
     from numba.core.compiler import Flags
 
-    return Flags.options["no_cfunc_wrapper"]._default, CPUCodeLibrary._unserialize.__module__
+    looked_for = take_packed_loops.cache_info().currsize == 1
+    return Flags.options["no_cfunc_wrapper"]._default, CPUCodeLibrary._unserialize.__module__, looked_for
 
 
 def test_numba_is_set_in_workers_and_not_where_they_are_asked_for() -> None:
     before = numba_is_set(0)
     with open_workers(2) as workers:
-        assert list(workers.map(numba_is_set, range(1))) == [(True, "touchline.compiling")]
+        assert list(workers.map(numba_is_set, range(1))) == [(True, "touchline.compiling", True)]
     assert numba_is_set(0) == before
     assert not before[0]

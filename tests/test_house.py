@@ -37,6 +37,7 @@ ROOMS = (
     "given",
     "compiling",
     "files",
+    "packed_loops",
     "palette",
     "geometry",
     "matrices",

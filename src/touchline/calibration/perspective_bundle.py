@@ -18,7 +18,7 @@ from touchline.calibration.nearest_line import nearest_line, outward
 from touchline.camera import FisheyeCamera, PerspectiveCamera, PinholeCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, IndexArray, Pose, Pose3
+from touchline.geometry import FloatArray, IndexArray, Pose, Pose3, as_pose
 
 NAMES = (
     "roll", "pitch", "height", "focal length", "distortion", "centre u", "centre v", "second distortion",
@@ -47,32 +47,40 @@ _STEP = 1e-5
 _OWN = 5
 
 
+class Stand(NamedTuple):
+    """Where an image was taken, about, and by how much the body leant then: roll, pitch (2,)."""
+
+    pose: Pose
+    lean: FloatArray
+
+
 class PerspectiveView(NamedTuple):
-    """An image's line points, pixels (N, 2), and the pose that it was taken at, about."""
+    """An image's line points, pixels (N, 2), and where it was taken."""
 
     pixels: FloatArray
-    pose: Pose
+    stand: Stand
 
 
 class Learned(NamedTuple):
-    """Standard deviations that are learned: of an image's own roll and pitch, of points, of lines beside the file's."""
+    """Standard deviations that are learned: of images' own rolls, their pitches, points, lines beside the file's."""
 
-    lean_rad: float
+    roll_rad: float
+    pitch_rad: float
     noise_px: float
     paint_m: float
 
 
-_AT_FIRST, _AT_LEAST = Learned(0.006, 0.5, 0.01), Learned(0.001, 0.1, 0.001)
+_AT_FIRST, _AT_LEAST = Learned(0.006, 0.006, 0.5, 0.01), Learned(0.001, 0.001, 0.1, 0.001)
 
 
 class PerspectiveFit(NamedTuple):
-    """state (10,): NAMES, focal length and height as logarithms. covariance (10, 10). poses (V, 3). on_lines (V,):
-    share of each view's points that lie on lines. cost: mean robust squared residual, 0 to 1.
+    """state (10,): NAMES, focal length and height as logarithms. covariance (10, 10). stands: of all views. on_lines
+    (V,): share of each view's points that lie on lines. cost: mean robust squared residual, 0 to 1.
     """
 
     state: FloatArray
     covariance: FloatArray
-    poses: FloatArray
+    stands: list[Stand]
     on_lines: FloatArray
     cost: float
     learned: Learned
@@ -138,7 +146,7 @@ class _Bundle:
         self.camera, self.paint = self.shared[:_CAMERA], self.shared[_CAMERA:]
         self.mean = np.zeros(self.own[-1, -1] + 1)
         self.mean[list(_START)] = start[list(_START)]
-        self.mean[self.own[:, :3]] = [one.pose.as_array() for one in views]
+        self.mean[self.own[:, :3]] = [one.stand.pose.as_array() for one in views]
         self._known = np.full(len(self.mean), _ANYWHERE)
         self._known[list(_START)] = np.power(list(_START.values()), -2.0)
         self._known[[DISTORTION, *range(LENS, _CAMERA)]] = np.power(_DISTORTIONS[model], -2.0)
@@ -148,7 +156,8 @@ class _Bundle:
     def known(self, learned: Learned) -> FloatArray:
         """Information (P,) on the state's entries before anything is seen."""
         known = self._known.copy()
-        known[self.own[:, 3:]], known[self.paint[:-1]] = learned.lean_rad**-2.0, learned.paint_m**-2.0
+        known[self.own[:, 3]], known[self.own[:, 4]] = learned.roll_rad**-2.0, learned.pitch_rad**-2.0
+        known[self.paint[:-1]] = learned.paint_m**-2.0
         return known
 
     def linearise(self, state: FloatArray, learned: Learned, width_m: float) -> _Linearised:
@@ -172,7 +181,8 @@ class _Bundle:
             raise NoFitError("no line point lies on the ground")
         equations = NormalEquations(at.blocks)
         found = Learned(
-            _spread(equations, self.own[:, 3:].ravel(), state),
+            _spread(equations, self.own[:, 3], state, _AT_FIRST.roll_rad),
+            _spread(equations, self.own[:, 4], state, _AT_FIRST.pitch_rad),
             learned.noise_px * math.sqrt(float(np.median(squares)) / _MEDIAN),
             _spread(equations, self.paint[:-1], state),
         )
@@ -242,8 +252,11 @@ def fit_perspective(
     has been fitted before.
     """
     bundle = _Bundle(views, start, field, model, size)
-    state, learned, damping = bundle.mean.copy(), _AT_FIRST, _DAMPING
+    state, damping = bundle.mean.copy(), _DAMPING
     state[bundle.camera] = start
+    state[bundle.own[:, 3:]] = leans = np.array([one.stand.lean for one in views])
+    roll_rad, pitch_rad = np.maximum(np.sqrt(np.mean(leans**2, axis=0)), _AT_FIRST[:2]).tolist()
+    learned = _AT_FIRST._replace(roll_rad=roll_rad, pitch_rad=pitch_rad)
     for width_m in [width for width in _WIDTHS_M if not again or width <= _NEAR_M]:
         now = bundle.linearise(state, learned, width_m)
         next_learned = bundle.learn(state, learned, now) if width_m < _FAR_M else learned
@@ -259,14 +272,18 @@ def fit_perspective(
     return PerspectiveFit(
         state[bundle.camera],
         NormalEquations(last.blocks).covariance(bundle.camera),
-        state[bundle.own[:, :3]],
+        [Stand(as_pose(own[:3]), own[3:]) for own in state[bundle.own]],
         np.array([np.mean(one.off < 1.0) for one in last.seen]),
         float(np.mean(off / (1.0 + off))),
         learned,
     )
 
 
-def _spread(equations: NormalEquations, at: IndexArray, state: FloatArray) -> float:
-    """The standard deviation of entries that are drawn alike, which makes what they came to most probable."""
+def _spread(equations: NormalEquations, at: IndexArray, state: FloatArray, usual: float = 0.0) -> float:
+    """The standard deviation of entries that are drawn alike, which makes what they came to most probable. usual: as of
+    two entries more, since few may be alike by chance.
+    """
     variances = state[at] ** 2 + np.diag(equations.covariance(at))
+    if usual:
+        variances = np.append(variances, [usual**2, usual**2])
     return math.sqrt(float(variances.mean()))

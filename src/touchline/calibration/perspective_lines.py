@@ -6,7 +6,7 @@ image's pose is right.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from touchline.calibration.perspective_bundle import (
     ROLL,
     PerspectiveFit,
     PerspectiveView,
+    Stand,
     camera_at,
     fit_perspective,
 )
@@ -28,7 +29,7 @@ from touchline.calibration.perspective_search import FOCAL_RATIOS, MIN_LINES, fi
 from touchline.camera import GroundView, PerspectiveCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, as_pose
+from touchline.geometry import FloatArray
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.messages import counted, listed
@@ -39,8 +40,9 @@ from touchline.types import ImageArray, Observation
 MIN_SIZE_PX = 64  # a few cells of the line graph each way
 MIN_POINTS, MIN_ON_LINES = 20, 0.85  # of an image that takes part; share of the points that must lie on lines
 RIGHT = 0.9  # share of an image's points on lines from which its pose is kept
-# standard deviations of what is written: roll, pitch (rad), height, focal length (ratios)
-MAX_DEVIATIONS = {ROLL: math.radians(0.5), PITCH: math.radians(0.7), HEIGHT: 0.04, FOCAL: 0.04}
+# standard deviations of what is written: roll, pitch (rad; `touchline` takes them as known to three degrees), and
+# height, focal length (ratios)
+MAX_DEVIATIONS = {ROLL: math.radians(1.0), PITCH: math.radians(1.0), HEIGHT: 0.04, FOCAL: 0.04}
 _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per image width, distortion
 # of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
@@ -67,27 +69,31 @@ class PerspectiveLines:
         return np.sqrt(np.diag(self.fit.covariance))
 
 
-def calibrate_perspective_lines(images: Sequence[ImageArray], field: FieldModel, model: str) -> PerspectiveLines:
-    """The camera of images (H, W, 3), B, G, R, all of one size. Raises NoFitError with the reason."""
+def calibrate_perspective_lines(
+    images: Sequence[ImageArray], field: FieldModel, model: str, tell: Callable[[str], None] = lambda _: None
+) -> PerspectiveLines:
+    """The camera of images (H, W, 3), B, G, R, all of one size. tell: is told how far it has come. Raises NoFitError
+    with the reason.
+    """
     height, width = images[0].shape[:2]
     if min(height, width) < MIN_SIZE_PX:
         raise NoFitError(f"images of {width} x {height} pixels show no lines: {MIN_SIZE_PX} each way are the least")
-    work = _Calibration(images, field, model)
+    work = _Calibration(images, field, model, tell)
     best = work.first()
     for _ in range(_LOOKS):  # some of the poses were found with a camera that is percents off
-        right = best.right_poses()
+        right = best.right()
         if not right:
             break
         state, seen = best.fit.state, work.look(best.fit.state)
         tried = work.tried(seen, state, right)
-        if not tried or len(tried[0].right_poses()) < len(right):  # some of them were wrong: all are looked for again
-            tried += work.tried(seen, state, {})
+        if not tried or tried[0].rank()[0] < len(right):  # some of them were wrong: all are looked for again
+            tried += work.tried(seen, state, {}, _leans_of(right, len(images)))
         if not tried:
             break
-        best = max(tried, key=lambda each: (len(each.right_poses()), -each.cost))
-        if len(right) == len(best.right_poses()) == len(best.images):
+        best = max(tried, key=_Fitted.rank)
+        if len(right) == len(best.right()) == len(best.images):
             break
-    right = best.right_poses()
+    right = best.right()
     if MIN_USED * len(images) <= len(right) < len(best.images):  # a wrong pose would pull the camera
         best = work.fitted(
             [one if k in right else Observation(0) for k, one in enumerate(best.seen)], best.fit.state, right
@@ -110,18 +116,28 @@ class _Fitted(NamedTuple):
         """0 to 1, and more of one that moves the field's lines."""
         return self.fit.cost + (self.fit.learned.paint_m > MAX_PAINT_M)
 
-    def right_poses(self) -> dict[int, Pose]:
-        """Of the images whose points lie on lines."""
-        rows = zip(self.images, self.fit.poses, self.fit.on_lines, strict=True)
-        return {k: as_pose(pose) for k, pose, on_lines in rows if on_lines >= RIGHT}
+    def right(self) -> dict[int, Stand]:
+        """Where the images were taken whose points lie on lines."""
+        rows = zip(self.images, self.fit.stands, self.fit.on_lines, strict=True)
+        return {k: stand for k, stand, on_lines in rows if on_lines >= RIGHT}
+
+    def rank(self) -> tuple[int, float]:
+        """The larger the better: one that puts more images right, then the one that costs less."""
+        return (0 if self.cost > 1.0 else len(self.right())), -self.cost
+
+    def good(self, cost: float, images: int) -> bool:
+        """Whether it costs less, with enough of so many images."""
+        return self.cost < cost and len(self.right()) >= MIN_USED * images
 
 
 class _Calibration:
     """Images of a camera that is looked for."""
 
-    def __init__(self, images: Sequence[ImageArray], field: FieldModel, model: str) -> None:
+    def __init__(
+        self, images: Sequence[ImageArray], field: FieldModel, model: str, tell: Callable[[str], None]
+    ) -> None:
         self.size = (images[0].shape[1], images[0].shape[0])
-        self._images, self._field, self._model = images, field, model
+        self._images, self._field, self._model, self._tell = images, field, model, tell
         self._search = PoseSearch(field, Registration(field.distance_map()))
 
     def look(self, state: FloatArray) -> list[Observation]:
@@ -129,31 +145,48 @@ class _Calibration:
         camera = camera_at(self._model, self.size, state)
         detector = line_graph_detector(camera, LineGraphSettings(), self._field)
         seen = []
-        for image in self._images:
+        for k, image in enumerate(self._images, start=1):
+            self._tell(f"looks for lines in image {k} of {len(self._images)}")
             detector.reset()  # each has its own light
             seen.append(detector.detect(image, GroundView(camera)))
         return seen
 
-    def fitted(self, seen: Sequence[Observation], state: FloatArray, poses: Mapping[int, Pose]) -> _Fitted:
-        """The fit of what was seen from a state (10,); poses: of images that have them."""
-        views, noise_px = {}, _NOISE_PX if poses else _START_NOISE_PX
-        for k, one in enumerate(seen):
-            if len(one.points) >= MIN_POINTS:
-                pose = poses.get(k) or place(one, self._model, self.size, state, self._search, noise_px)[0]
+    def fitted(
+        self,
+        seen: Sequence[Observation],
+        state: FloatArray,
+        known: Mapping[int, Stand],
+        leans: FloatArray | None = None,
+    ) -> _Fitted:
+        """The fit of what was seen from a state (10,); known: where images were taken; leans (V, 2): of all, else."""
+        views, noise_px = {}, _NOISE_PX if known else _START_NOISE_PX
+        leans = np.zeros((len(seen), 2)) if leans is None else leans
+        for k, (one, lean) in enumerate(zip(seen, leans, strict=True)):
+            if len(one.points) >= MIN_POINTS and k in known:
+                views[k] = PerspectiveView(one.points.pixels, known[k])
+            elif len(one.points) >= MIN_POINTS:
+                pose, _ = place(one, self._model, self.size, state, self._search, noise_px, lean)
                 if pose is not None:
-                    views[k] = PerspectiveView(one.points.pixels, pose)
+                    views[k] = PerspectiveView(one.points.pixels, Stand(pose, lean))
         if not views:
             raise NoFitError("no image shows enough of the field's lines")
-        fit = fit_perspective(list(views.values()), state, self._field, self._model, self.size, bool(poses))
+        fit = fit_perspective(list(views.values()), state, self._field, self._model, self.size, bool(known))
         low, high = (math.log(ratio * self.size[0]) for ratio in FOCAL_RATIOS[self._model])
         if not low - _BEYOND < fit.state[FOCAL] < high + _BEYOND:
             raise NoFitError("no camera that is usual puts the points on this field's lines")
         return _Fitted(fit, tuple(views), seen)
 
-    def tried(self, seen: Sequence[Observation], state: FloatArray, poses: Mapping[int, Pose]) -> list[_Fitted]:
+    def tried(
+        self,
+        seen: Sequence[Observation],
+        state: FloatArray,
+        known: Mapping[int, Stand],
+        leans: FloatArray | None = None,
+    ) -> list[_Fitted]:
         """The fit, if there is one."""
+        self._tell("fits the camera to what it shows itself")
         try:
-            return [self.fitted(seen, state, poses)]
+            return [self.fitted(seen, state, known, leans)]
         except NoFitError:
             return []
 
@@ -163,25 +196,33 @@ class _Calibration:
         fits: list[_Fitted] = []
         failed: NoFitError | None = None
         for seen in sorted(looks, key=lambda each: -sum(len(one.points) for one in each)):
-            starts = find_cameras(
-                [one for one in seen if len(one.points) >= MIN_POINTS], self._model, self.size, self._search
-            )
-            for start in starts[:_TRIED]:
+            self._tell("searches for cameras through which lines are parallel or at right angles")
+            starts = find_cameras(seen, self._model, self.size, self._search)[:_TRIED]
+            for k, start in enumerate(starts, start=1):
+                self._tell(f"fits camera {k} of {len(starts)} that may be")
                 try:
-                    fits.append(self.fitted(seen, start.state, {}))
+                    fits.append(self.fitted(seen, start.state, {}, start.leans))
                 except NoFitError as error:
                     failed = error
                     continue
-                if fits[-1].cost < _SURE:
+                if fits[-1].good(_SURE, len(seen)):
                     return fits[-1]
-            if fits and min(one.cost for one in fits) < _FITS:
+            if any(one.good(_FITS, len(seen)) for one in fits):
                 break
         if not fits:
             raise failed or NoFitError(
                 f"fewer than {MIN_LINES} lines are seen in {counted(len(looks[0]), 'image')}, twenty are better: add "
                 "images from places where the centre circle, a penalty area or a corner is in view"
             )
-        return min(fits, key=lambda each: each.cost)
+        return max(fits, key=_Fitted.rank)
+
+
+def _leans_of(known: Mapping[int, Stand], images: int) -> FloatArray:
+    """(V, 2) of all images, 0 where nothing is known."""
+    leans = np.zeros((images, 2))
+    for k, stand in known.items():
+        leans[k] = stand.lean
+    return leans
 
 
 def _usual_states(model: str, size: tuple[int, int]) -> FloatArray:
@@ -212,11 +253,14 @@ def _check(found: PerspectiveLines, images: int) -> None:
             "measure its sizes, or add images from other places"
         )
     open_ones = [k for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
-    lean_rad = found.fit.learned.lean_rad
+    leans_rad = {ROLL: found.fit.learned.roll_rad, PITCH: found.fit.learned.pitch_rad}
     swaying = [
-        k for k in open_ones if k in {ROLL, PITCH} and lean_rad**2 > 0.5 * len(found.used) * found.deviations[k] ** 2
+        k
+        for k, lean_rad in leans_rad.items()
+        if k in open_ones and lean_rad**2 > 0.5 * len(found.used) * found.deviations[k] ** 2
     ]
     if swaying:
+        lean_rad = max(leans_rad[k] for k in swaying)
         raise NoFitError(
             f"the body leans by {math.degrees(lean_rad):.1f}° from image to image (a standard deviation), so "
             f"{len(found.used)} images leave the camera's {_names(swaying)} open: let the robot stand still, or add "

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import warn
+from touchline.cli.console import progress_told, warn
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
 from touchline.cli.options import check_handedness, turn_in_rad
 from touchline.errors import InputError, NoFitError
+from touchline.messages import counted
 
 if TYPE_CHECKING:
     from touchline.calibration.lines.calibration import LineCalibration
@@ -97,17 +98,17 @@ def _with_lens(inputs: list[Path], field: FieldModel, model: str, from_points: b
     from touchline.calibration.perspective import perspective_yaml
     from touchline.calibration.perspective_lines import calibrate_perspective_lines
     from touchline.camera import GroundView
-    from touchline.geometry import as_pose
     from touchline.view.overlay import overlay_image
 
     if from_points:
         raise InputError(f"--model {model} needs images: files of line points do not tell which lines are straight")
     paths, images = _images(inputs)
-    found = calibrate_perspective_lines(images, field, model)
+    with progress_told("calibrate lines", counted(len(images), "image")) as tell:
+        found = calibrate_perspective_lines(images, field, model, tell)
     _warn_unused(paths, found.used)
     words = _lens_words(found, field)
     best = max(range(len(found.used)), key=lambda k: len(found.seen[k].points))
-    pose = as_pose(found.fit.poses[best])
+    pose = found.fit.stands[best].pose
     drawn = overlay_image(images[found.used[best]], GroundView(found.camera), field, pose, found.seen[best])
     return perspective_yaml(found.camera, words), words, drawn
 
@@ -118,7 +119,7 @@ def _lens_words(found: PerspectiveLines, field: FieldModel) -> str:
 
     from touchline.calibration.perspective_bundle import DISTORTION, FOCAL, HEIGHT, PITCH, ROLL
 
-    camera, sure = found.camera, found.deviations
+    camera, sure, learned = found.camera, found.deviations, found.fit.learned
     roll, pitch, _ = camera.base_from_camera.roll_pitch_yaw()
     height_m = float(camera.base_from_camera.translation_m[2])
     points = sum(len(one.points) for one in found.seen)
@@ -129,8 +130,9 @@ def _lens_words(found: PerspectiveLines, field: FieldModel) -> str:
         f"(± {sure[DISTORTION]:.3f}).\n"
         f"Roll {math.degrees(roll):.2f}° (± {math.degrees(sure[ROLL]):.2f}), pitch {math.degrees(pitch):.2f}° "
         f"(± {math.degrees(sure[PITCH]):.2f}), height {height_m:.3f} m (± {height_m * sure[HEIGHT]:.3f}); the body "
-        f"leant by {math.degrees(found.fit.learned.lean_rad):.2f}° from image to image besides. Lines lie "
-        f"{1000 * found.fit.learned.paint_m:.0f} mm beside where the field's file has them.\n"
+        f"leant by {math.degrees(learned.roll_rad):.2f}° of roll and {math.degrees(learned.pitch_rad):.2f}° of pitch "
+        "from image to image besides. "
+        f"Lines lie {1000 * learned.paint_m:.0f} mm beside where the field's file has them.\n"
         "The origin is the point below the camera, x the way it looks: correct base_from_camera if it sits elsewhere."
     )
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -33,13 +36,17 @@ from touchline.errors import InputError, NoFitError
 if TYPE_CHECKING:
     from touchline.calibration.self_calibration import SelfCalibration
     from touchline.calibration.self_perspective import PerspectiveSelfCalibration, PerspectiveView
-    from touchline.camera import Camera, OmniCamera
+    from touchline.camera import Camera, OmniCamera, PerspectiveCamera
     from touchline.field import FieldModel
+    from touchline.geometry import FloatArray
     from touchline.live.heard import Published
     from touchline.localizer import Localizer
     from touchline.sources import Recording
     from touchline.systems.touchline import Touchline
     from touchline.types import Estimate, Frame, ImageArray
+
+# roll, pitch (rad), height, focal length (ratios): a camera that is farther off hides lines, and is seen through again
+_FAR, _AGAIN = (0.017, 0.017, 0.02, 0.02), 2
 
 
 class _Seen(NamedTuple):
@@ -87,10 +94,13 @@ def calibrate_self(
     if runs == (recording is not None):
         raise InputError("calibrate self takes a RECORDING, or a running robot by --dds, --zenoh, --bridge or --udp")
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
+    from touchline.camera import PerspectiveCamera
+
     if recording is not None:
         from touchline.sources import open_source
 
-        seen = _of_recording(open_source(recording, follow_links))
+        source = open_source(recording, follow_links)
+        seen = _of_recording(source)
     else:
         if field is None:
             raise InputError("--field: is needed of a running robot")
@@ -103,7 +113,10 @@ def calibrate_self(
         _begin(localizer, start)
         seen = _of_robot(localizer, here, seconds)
     try:
-        text, words, drawn = _calibrated(seen)
+        if isinstance(seen.camera, PerspectiveCamera):
+            text, words, drawn = _perspective(seen, None if recording is None else partial(_of_recording, source))
+        else:
+            text, words, drawn = _mirror(seen)
     except NoFitError as error:
         raise NoFitError(f"{seen.name}: not calibrated: {error}") from None
     write_pair(output, text, picture, drawn, words)
@@ -133,14 +146,18 @@ def _take(seen: _Seen, system: Touchline, frame: Frame, estimate: Estimate) -> _
     return seen._replace(system=system, head_moves=seen.head_moves or frame.base_from_camera is not None)
 
 
-def _of_recording(source: Recording) -> _Seen:
+def _of_recording(source: Recording, camera: PerspectiveCamera | None = None) -> _Seen:
+    """What is seen through the recording's own camera, or another."""
     from touchline.evaluation.runner import robot_setup
     from touchline.systems import open_system
     from touchline.systems.touchline import Touchline
 
-    system = open_system("touchline", robot_setup(source))
+    setup = robot_setup(source)
+    if camera is not None:
+        setup = replace(setup, camera=camera)
+    system = open_system("touchline", setup)
     assert isinstance(system, Touchline)
-    seen = _Seen(source.name, source.camera, source.field, [], [])
+    seen = _Seen(source.name, setup.camera, source.field, [], [])
     for frame in source:
         seen = _take(seen, system, frame, system.step(frame))
     return seen
@@ -173,14 +190,8 @@ def _of_robot(localizer: Localizer, choice: LinkChoice, seconds: float) -> _Seen
     return taken[0]
 
 
-def _calibrated(seen: _Seen) -> tuple[str, str, ImageArray]:
-    """camera.yaml, what to say, and the picture."""
-    from touchline.camera import PerspectiveCamera
-
-    return _perspective(seen) if isinstance(seen.camera, PerspectiveCamera) else _mirror(seen)
-
-
 def _mirror(seen: _Seen) -> tuple[str, str, ImageArray]:
+    """camera.yaml, what to say, and the picture."""
     from touchline.calibration.self_calibration import calibrate_self as fit
     from touchline.calibration.self_calibration import spread_views
     from touchline.calibration.strip_recording import camera_yaml
@@ -195,24 +206,45 @@ def _mirror(seen: _Seen) -> tuple[str, str, ImageArray]:
     return camera_yaml(found.camera, words), words, self_picture(found, seen.field)
 
 
-def _perspective(seen: _Seen) -> tuple[str, str, ImageArray]:
-    """The same of a perspective camera."""
+def _perspective(seen: _Seen, look_again: Callable[[PerspectiveCamera], _Seen] | None) -> tuple[str, str, ImageArray]:
+    """The same of a perspective camera. look_again: what is seen through another camera, where that can be had."""
     from touchline.calibration.perspective import perspective_yaml
-    from touchline.calibration.self_calibration import require_views
-    from touchline.calibration.self_perspective import calibrate_self_perspective, evenly
     from touchline.camera import PerspectiveCamera
     from touchline.view.calibration import self_picture
 
     assert isinstance(seen.camera, PerspectiveCamera)
-    require_views(len(seen.views))
-    assert seen.system is not None
-    found = calibrate_self_perspective(evenly(seen.views), seen.camera, seen.system.registration)
-    words = _perspective_words(found, seen.camera.fx, seen.name)
+    focal_px, found = seen.camera.fx, _fitted(seen)
+    shared, looks = found.shared, 1
+    # a moving head's own poses would have to be corrected as well
+    while _is_far(found) and look_again is not None and not seen.head_moves and looks <= _AGAIN:
+        seen = look_again(found.camera)
+        found = _fitted(seen)
+        shared, looks = shared + found.shared, looks + 1
+    words = _perspective_words(found, shared, focal_px, seen.name)
+    if _is_far(found):
+        words += "\nthat much hides what lines could tell: let the robot walk once more with what was found"
     if seen.head_moves:
         words += (
-            "\ncamera_pose.csv places this camera in every image: roll, pitch and height need the same correction there"
+            "\nthe robot itself places this camera in every image (camera_pose.csv, /tf): roll, pitch and height need "
+            "the same correction there"
         )
     return perspective_yaml(found.camera, words), words, self_picture(found, seen.field)
+
+
+def _is_far(found: PerspectiveSelfCalibration) -> bool:
+    """Whether the camera that was looked through was."""
+    return any(abs(error) > far for error, far in zip(found.shared.tolist(), _FAR, strict=True))
+
+
+def _fitted(seen: _Seen) -> PerspectiveSelfCalibration:
+    from touchline.calibration.self_calibration import require_views
+    from touchline.calibration.self_perspective import calibrate_self_perspective, evenly
+    from touchline.camera import PerspectiveCamera
+
+    require_views(len(seen.views))
+    assert seen.system is not None
+    assert isinstance(seen.camera, PerspectiveCamera)
+    return calibrate_self_perspective(evenly(seen.views), seen.camera, seen.system.registration)
 
 
 def _mirror_words(found: SelfCalibration[OmniCamera], name: str) -> str:
@@ -231,10 +263,11 @@ def _mirror_words(found: SelfCalibration[OmniCamera], name: str) -> str:
     )
 
 
-def _perspective_words(found: PerspectiveSelfCalibration, focal_px: float, name: str) -> str:
+def _perspective_words(found: PerspectiveSelfCalibration, shared: FloatArray, focal_px: float, name: str) -> str:
+    """shared (4,): by what the first camera was off."""
     import math
 
-    roll, pitch, height, _ = found.shared.tolist()
+    roll, pitch, height, _ = shared.tolist()
     sure = found.deviations
     return (
         f"touchline calibrate self {name}: {len(found.poses[0])} images\n"

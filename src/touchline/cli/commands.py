@@ -1,6 +1,7 @@
 """All commands, mounted: one file per command group. Nothing heavy is imported before a command needs it."""
 
 import os
+import sys
 from typing import Annotated
 
 import typer
@@ -25,6 +26,7 @@ from touchline.cli import (
 from touchline.cli.compile import compile_loops
 from touchline.cli.console import DEBUG_VARIABLE
 from touchline.cli.viewer import ViewCommand
+from touchline.packed_loops import take_packed_loops
 
 app = typer.Typer(
     help="Tells a soccer robot where it stands on the field, from the white lines it sees.",
@@ -76,3 +78,5 @@ def _options(
 ) -> None:
     if debug:
         os.environ[DEBUG_VARIABLE] = "1"
+    if not {"-h", "--help"} & set(sys.argv):  # which needs no Numba
+        take_packed_loops()

@@ -15,6 +15,7 @@ import typer
 
 from touchline.cli.console import errors_console, say
 from touchline.compiling import without_c_wrappers
+from touchline.packed_loops import take_packed_loops
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -42,7 +43,7 @@ def compile_loops(
         examples = [("omni", _run_example), ("pinhole", _walk_example)]
         wanted = [example for model, example in examples if model in info.cameras]
         steps += [(name, partial(_each, wanted, name))]
-    steps += [("locate", _locate_example), ("check", _check_example)]
+    steps += [("faults", _fault_example), ("locate", _locate_example), ("check", _check_example)]
     steps += [("simulator", _render_example)] if simulator or everything else []
     steps += [("calibrations", _calibrate_example)] if everything else []
     for number, (name, example) in enumerate(steps, 1):
@@ -51,6 +52,8 @@ def compile_loops(
             example()
         what = f"{len(names)} loops compiled" if names else "nothing to compile"
         say(f"{number} of {len(steps)}, {name}: ready after {time.perf_counter() - started:.1f} s, {what}")
+    if packed := take_packed_loops():
+        say(packed)
     say("all loops are compiled; their code is kept beside the package, or in NUMBA_CACHE_DIR if that is set")
 
 
@@ -161,6 +164,25 @@ def _drawn(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:
         if np.isfinite(pixels).all() and np.abs(pixels).max() < 5000.0:
             cv2.fillConvexPoly(image, np.round(16.0 * pixels).astype(np.int32), paint, cv2.LINE_AA, 4)
     return image
+
+
+def _fault_example() -> None:
+    """What is asked where images and odometry tell other motions, which stands still here, and where a robot sways."""
+    import numpy as np
+
+    from touchline.localization.estimator.motion_relation import MotionRelation
+    from touchline.localization.estimator.sway_delay import SwayDelay
+    from touchline.localization.estimator.visual_motion import Sighting
+    from touchline.motion import LeanFilter, MotionHistory
+    from touchline.types import Frame, Samples
+
+    history, relation = MotionHistory(), MotionRelation()
+    for k in range(20):
+        stamp_ns = k * 100_000_000
+        history.add(Frame(stamp_ns, odometry=Samples(np.array([stamp_ns]), np.zeros((1, 3)))))
+        seen = Sighting(stamp_ns, np.array([0.2 * k, 0.0, 0.0]), 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0)
+        relation.update(seen, history, 0.0, jumped=False)
+    SwayDelay().update(np.zeros(2), LeanFilter(), 0, 0.0)
 
 
 def _locate_example() -> None:

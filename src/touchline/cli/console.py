@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
 _MIN_COLUMNS, _USUAL_COLUMNS, _PIPE_WIDTH = 20, 80, 200  # columns of a terminal
+_LINE_EVERY_S = 10.0
 
 
 class _Output(Console):
@@ -95,6 +97,23 @@ def steps_shown(title: str, total: int, compiles: bool = False) -> Iterator[Call
         task = progress.add_task(title, total=total)
         with announce_compiling(console.print) if compiles else nullcontext():
             yield lambda *_: progress.advance(task)
+
+
+@contextmanager
+def progress_told(name: str, begins: str) -> Iterator[Callable[[str], None]]:
+    """What is to be told how far something has come: a terminal shows it, else there is a line every ten seconds."""
+    terminal = errors_console()
+    said_s = time.monotonic()
+    with terminal.status(f"{name}: {begins}") as status:
+
+        def tell(progress: str) -> None:
+            nonlocal said_s
+            status.update(f"{name}: {progress}")
+            if not terminal.is_terminal and time.monotonic() - said_s > _LINE_EVERY_S:
+                said_s = time.monotonic()
+                terminal.print(f"{name}: {progress}")
+
+        yield tell
 
 
 def print_errors(errors: ErrorTable, tracked: Iterable[tuple[str, list[str]]] = ()) -> None:

@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import errors_console, plain_table, say, wide_output
+from touchline.cli.console import plain_table, progress_told, say, wide_output
 from touchline.cli.options import DaskAddress, WorkerCount
 from touchline.errors import InputError
 from touchline.messages import counted
-
-_LINE_EVERY_S = 10.0
 
 if TYPE_CHECKING:
     from touchline.evaluation.workers import Workers
@@ -109,17 +107,6 @@ def _show(result: ExperimentResult, output: Path) -> None:
 
 
 def _run(chosen: Experiment, seeds: range, workers: Workers, kept: tuple[Path, str]) -> ExperimentResult:
-    """Run one; a terminal shows how far it has come, anything else gets a line every ten seconds."""
-    terminal = errors_console()
-    said_s = time.monotonic()
-
-    with terminal.status(f"{chosen.name}: {len(seeds)} seeds") as status:
-
-        def tell(progress: str) -> None:
-            nonlocal said_s
-            status.update(f"{chosen.name}: {progress}")
-            if not terminal.is_terminal and time.monotonic() - said_s > _LINE_EVERY_S:
-                said_s = time.monotonic()
-                terminal.print(f"{chosen.name}: {progress}")
-
+    """Run one and show how far it has come."""
+    with progress_told(chosen.name, f"{len(seeds)} seeds") as tell:
         return chosen.run(len(seeds), tell, workers, *kept, first_seed=seeds.start)

@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeVar
 
 from touchline.compiling import leave_out_c_wrappers, load_loops_lean
 from touchline.errors import InputError, TouchlineError
+from touchline.packed_loops import take_packed_loops
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -107,6 +108,7 @@ class _Pool:
 def _begin_worker() -> None:
     """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
     leave_out_c_wrappers()
+    take_packed_loops()
     load_loops_lean()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
