@@ -64,7 +64,9 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Seen:
-    """found, marked: of what people marked. said: right, doubted, close, wrong, refused; empty without a reference."""
+    """found, marked: of what people marked. said: right, doubted, close, wrong, refused, open where it is not right
+    by a reference that can't tell; empty without one.
+    """
 
     photograph: Photograph
     observation: Observation
@@ -125,6 +127,8 @@ def look_at(one: Photograph) -> Seen:
                 view = GroundView(one.camera.corrected(errors, np.linspace(0.05, 0.5, 10)))
                 shown = seen_through(observation, GroundView(one.camera), view)
             said, off_m, off_rad = _said(pose, one.pose, bool(location.doubts))
+            if one.reference_m > KNOWN_M and not said.startswith("right"):
+                said = "open"
     overlay = overlay_image(one.image, view, one.field, pose, shown)
     return Seen(one, observation, found, marked, said if one.pose is not None else "", off_m, off_rad, overlay)
 
@@ -292,8 +296,9 @@ GROUPS = {
 _NOTE = (
     "Each photograph is seen for the first time. Marked lines: of SPL's three labelled ones a "
     "detected line passes within 8 px of both ends; of the mirrors' marks on lines a point lies within 8 px. `locate`: "
-    "right within 15 cm and 4° of the reference; close, up to 25 cm; wrong, farther without a doubt. The reference is "
-    "the pose that SPL's labelled lines give with roll and pitch free where they fit to 5 cm, or that of the marks: no "
+    "right within 15 cm and 4° of the reference; close, up to 25 cm; wrong, farther without a doubt; open where it is "
+    "not right by a reference that can't tell. The reference is the pose that SPL's labelled lines give with roll and "
+    "pitch free where they fit to 5 cm, or that of the marks: no "
     f"independent truth. It judges where labels that err by {_LABEL_PX} px leave it known to 5 cm. Competition frames "
     "have no calibration: a nominal camera looks, as horizon and circle suggest, detection only."
 )
