@@ -34,6 +34,7 @@ from touchline.perception.line_graph.colour_classes import (
     count_classes,
     learn_classes,
     suppress_fringes,
+    tell_paint,
 )
 from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.contrast import contrasts, learn_contrast, white_blocks
@@ -359,7 +360,8 @@ def test_carpet_that_the_sun_washes_out_is_green_and_lines_on_it_are_white() -> 
                     np.array([71.0, 138.0, 97.0]), np.array([0.232, 0.317]), 0.01**2 * np.eye(2), 3.0)  # fmt: skip
     classes = classes_of_model(colour_model(carpet, np.array([200.0, 205.0, 200.0])), yuv=False)
     light, washed = np.ones((30, 40)), np.zeros((30, 40), dtype=np.uint8)
-    carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
+    model = (float(classes.model.green.sum()), classes.model.signal)
+    carpet_light(image, classes.tables, model, light, washed, np.zeros(light.shape))
     assert washed[:, 22:].all()
     assert not washed[:, :18].any()
     white_from = np.clip(FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, 0, classes.white_until)
@@ -367,3 +369,27 @@ def test_carpet_that_the_sun_washes_out_is_green_and_lines_on_it_are_white() -> 
     count_classes(image, classes.tables, white_from.astype(np.uint8), washed, counts)
     assert (counts[GREEN, :14, 22:] == 64).all()
     assert (counts[WHITE, 15] == 64).all()
+
+
+def test_paint_is_told_by_what_it_exceeds_the_carpet_by_that_the_sun_brings_to_an_image_s_limit() -> None:
+    """Colours that were learned with such a patch in view take it for carpet; all of its G and all paint is 255."""
+    green, white = np.array([93.0, 152.0, 84.0]), np.array([173.0, 190.0, 172.0])
+    patch, paint = np.array([206, 255, 184]), np.full(3, 255)
+    pixels = np.repeat((green, patch), 50, axis=0) + np.random.default_rng(0).normal(0.0, 4.0, (100, 3))
+    carpet = Carpet(pixels, green, np.array([0.255, 0.283]), 0.03**2 * np.eye(2), 3.0)
+    model = colour_model(carpet, white)
+    classes = classes_of_model(model, yuv=False)
+    image = np.zeros((240, 320, 3), dtype=np.uint8)
+    image[:, :160], image[:, 160:] = green, patch
+    light, base = np.ones((30, 40)), np.full((30, 40), float(model.signal @ model.green))
+    washed = np.zeros((30, 40), dtype=np.uint8)
+    carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), light, washed, base)
+    tell_paint((model.green, model.white, model.signal), light, base)
+
+    def signal(colour: FloatArray, column: int) -> float:
+        return float((model.signal @ (colour - model.green) - base[15, column]) / light[15, column])
+
+    assert signal(green, 5) == pytest.approx(0.0, abs=0.02)
+    assert signal(white, 5) == pytest.approx(1.0, abs=0.02)
+    assert signal(patch, 34) == pytest.approx(0.0, abs=0.02)
+    assert signal(paint, 34) == pytest.approx(1.0, abs=0.02)

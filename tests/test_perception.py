@@ -246,6 +246,15 @@ def test_carpet_that_glosses_is_no_tint_to_a_mirror() -> None:
     assert Tint(warmth=True).follow(warm, pixels, carpet)
 
 
+@pytest.mark.parametrize("warmth", [True, False])
+def test_carpet_that_the_sun_brings_to_an_image_s_limit_is_no_tint(warmth: bool) -> None:
+    """What its G would be is not seen; three quarters of the carpet lie in such a patch."""
+    carpet, pixels = np.array([60.0, 120.0, 70.0]), np.argwhere(np.ones((20, 20), dtype=np.bool_))
+    image = np.full((20, 20, 3), carpet, dtype=np.uint8)
+    image[:, 5:] = np.minimum(3.0 * carpet * (1.1, 1.0, 0.9), 255.0)
+    assert not Tint(warmth).follow(image, pixels, carpet)
+
+
 def test_small_images_follow_the_tint_too_and_noise_goes_with_the_signal() -> None:
     whole, size = mirror_camera(), 180
     center = (0.5 * (size - 1),) * 2

@@ -14,6 +14,7 @@ from touchline.types import ImageArray
 NO_TINT = np.ones(3)
 _MIN_TINT, _MAX_TINT = 0.04, 0.4  # change of the carpet's colour (logarithm) that is followed, and the most
 _MIN_PIXELS = 50  # of carpet, that tell it
+_CLIPPED = 245.0  # of a channel, from which on it may be brighter than it shows: carpet in the sun is pale, not tinted
 _GREENISH = 0.35  # of the learned carpet's excess of green, from which on a colour may be carpet in other light
 
 
@@ -68,6 +69,8 @@ def _carpet_shares(image: ImageArray, pixels: IntArray, least: float, median: Fl
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
         b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
+        if max(b, g, r) > _CLIPPED:
+            continue
         total = max(b + g + r, 1.0)
         shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
         if g / total - 1.0 / 3.0 > least:

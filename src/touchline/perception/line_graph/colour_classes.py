@@ -38,6 +38,7 @@ _WASHED = 0.25  # least excess of G of washed-out carpet, from that of paint (0)
 _GREENER = 1.02  # than red, which yellow is not
 _WASHED_BRIGHTER = 1.15  # than the carpet that was learned
 _WASHED_REACH, _WASHED_SHARE = 2, 0.35  # cells to each side, and the share of them that is washed-out
+_LEAST_SIGNAL = 0.1  # of paint above washed-out carpet, against paint above carpet in the light that was learned
 _SATURATED = 0.75  # of how white an image can get: paint is no whiter in any light
 _PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
 _MIN_PIXELS = 30  # pixels that paint is learned from
@@ -280,22 +281,25 @@ def _entries(line: ImageArray, entries: npt.NDArray[np.uint16]) -> None:
 def carpet_light(
     image: ImageArray,
     tables: ByteArray,
-    carpet_sum: float,
+    model: tuple[float, FloatArray],
     light: FloatArray,
     washed: ByteArray,
+    base: FloatArray,
 ) -> None:
-    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), and
-    whether the sun washes it out, into washed (rows, columns).
+    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), whether
+    the sun washes it out, into washed (rows, columns), and its mean signal, into base (rows, columns).
 
-    carpet_sum: B + G + R of the carpet that was learned. light is 1 where no carpet is near.
+    model: B + G + R of the carpet that was learned, and the signal (3,) that tells paint from it. light is 1 where no
+    carpet is near, and base what it was.
     """
-    rows, columns = light.shape
-    # integral images, of brightness and number of green samples and of those of washed-out ones: what is summed over
+    (carpet_sum, signal), (rows, columns) = model, light.shape
+    # integral images, of brightness, number and signal of green samples and of washed-out ones: what is summed over
     # any rectangle costs four look-ups
     pad = _LIGHT_REACH  # columns to each side, so that no window leaves them
-    sums = np.zeros((4, rows + 1, columns + 1 + 2 * pad))
+    sums = np.zeros((6, rows + 1, columns + 1 + 2 * pad))
     for row in range(rows):
         usual = number = washed_out = washed_number = np.int64(0)  # along the row
+        usual_signal = washed_signal = 0.0
         for column in range(columns):
             for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
                 for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
@@ -303,15 +307,19 @@ def carpet_light(
                     entry = np.uint64(((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3))
                     if tables[0, entry] == GREEN:
                         usual, number = usual + b + g + r, number + 1
+                        usual_signal += signal[0] * b + signal[1] * g + signal[2] * r
                     elif tables[1, entry] == GREEN:
                         washed_out, washed_number = washed_out + b + g + r, washed_number + 1
+                        washed_signal += signal[0] * b + signal[1] * g + signal[2] * r
             at = column + 1 + pad
             sums[0, row + 1, at] = usual + sums[0, row, at]
             sums[1, row + 1, at] = number + sums[1, row, at]
             sums[2, row + 1, at] = washed_out + sums[2, row, at]
             sums[3, row + 1, at] = washed_number + sums[3, row, at]
+            sums[4, row + 1, at] = usual_signal + sums[4, row, at]
+            sums[5, row + 1, at] = washed_signal + sums[5, row, at]
         for at in range(columns + 1 + pad, columns + 1 + 2 * pad):
-            for k in range(4):
+            for k in range(6):
                 sums[k, row + 1, at] = sums[k, row + 1, columns + pad]
     per_cell = (CELL_PX // _EVERY) ** 2
     for row in range(rows):
@@ -326,7 +334,28 @@ def carpet_light(
             brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
             count = pale if is_washed else count
             washed[row, column] = is_washed
+            beside = pale if is_washed else _inside(sums, 1, near, at, _WASHED_REACH)
+            if beside > 8.0:
+                base[row, column] = _inside(sums, 5 if is_washed else 4, near, at, _WASHED_REACH) / beside
             light[row, column] = brightness / (count * carpet_sum) if count > 8.0 else 1.0
+
+
+@njit(cache=True)
+def tell_paint(model: tuple[FloatArray, FloatArray, FloatArray], light: FloatArray, base: FloatArray) -> None:
+    """Paint is told by what it exceeds the carpet about it by: `base` becomes the signal of this above that of the
+    carpet that was learned, and `light` what is left of it up to paint, or to the whitest that an image can show.
+
+    model: green, white and signal (3,) of the learned colours; the others (rows, columns), as of `carpet_light`.
+    """
+    green, white, signal = model
+    usual = (signal * green).sum()
+    for row in range(light.shape[0]):
+        for column in range(light.shape[1]):
+            whitest = 0.0
+            for k in range(3):
+                whitest += signal[k] * min(light[row, column] * white[k], 255.0)
+            light[row, column] = max(whitest - base[row, column], _LEAST_SIGNAL)
+            base[row, column] -= usual
 
 
 @njit(cache=True)

@@ -42,10 +42,9 @@ class Pixels(NamedTuple):
     """What profiles are read from.
 
     image: (H, W, 3). least_green: excess of G from which on a colour is green, as a share of B + G + R. signal:
-    (3, 256) what each value of B, G, R adds: 0 on carpet, 1 on paint in the light that was learned. light: (rows,
-    columns) of cells, how bright it is against that. base: (rows, columns) signal of the carpet there where colours
-    alone don't tell paint, else 0. width_m: of a line. loosest, tightest: how much wider and narrower than expected a
-    line may look.
+    (3, 256) what each value of B, G, R adds: 0 on carpet, 1 on paint in the light that was learned. base: (rows,
+    columns) of cells, signal of the carpet about each. light: by how much that of paint exceeds it there. width_m: of a
+    line. loosest, tightest: how much wider and narrower than expected a line may look.
     """
 
     image: ImageArray

@@ -21,6 +21,7 @@ from touchline.perception.line_graph.colour_classes import (
     carpet_light,
     count_classes,
     suppress_fringes,
+    tell_paint,
 )
 from touchline.perception.line_graph.contrast import BLOCK_PX, mean_blocks, white_blocks
 from touchline.perception.line_graph.field_boundary import (
@@ -49,9 +50,9 @@ _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learni
 class Structure(NamedTuple):
     """What section 3 makes of an image, in cells of 8 x 8 pixels.
 
-    counts: (8, rows, columns) pixels of each class. light, base: (rows, columns) how bright the carpet is, and its
-    signal, as of `Pixels`. ends: (columns,) height of the field's boundary. sees_ground: (rows, columns) below the
-    horizon. smooth: (rows, columns) low-passed white. ranks: (rows, columns) of the skeleton.
+    counts: (8, rows, columns) pixels of each class. light, base: (rows, columns) as of `Pixels`. ends: (columns,)
+    height of the field's boundary. sees_ground: (rows, columns) below the horizon. smooth: (rows, columns) low-passed
+    white. ranks: (rows, columns) of the skeleton.
     """
 
     counts: CountArray
@@ -92,13 +93,17 @@ def _counted(
     image: ImageArray, classes: ColourClasses, usable: BoolArray, line: tuple[ImagePlane, float]
 ) -> tuple[CountArray, FloatArray, FloatArray]:
     """Counts, light and base; line: where it is looked for, and its width (m)."""
+    model = classes.model
     light: FloatArray = np.ones(usable.shape)
     base: FloatArray = np.zeros(usable.shape)
     washed = np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
-        carpet_light(image, classes.tables, float(classes.model.green.sum()), light, washed)
+        base[:] = model.signal @ model.green  # where no carpet is near
+        carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), light, washed, base)
     white_from = np.empty(usable.shape, dtype=np.uint8)
     _white_codes(light, classes.white_from, min(classes.white_until, 255.0), white_from)
+    if classes.local:
+        tell_paint((model.green, model.white, model.signal), light, base)
     counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
     count_classes(image, classes.tables, white_from, washed, counts)
     suppress_fringes(counts)
