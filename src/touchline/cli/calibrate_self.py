@@ -169,15 +169,18 @@ def _of_robot(localizer: Localizer, choice: LinkChoice, seconds: float) -> _Seen
     from touchline.systems.touchline import Touchline
 
     taken = [_Seen("the robot", localizer.camera, localizer.field, [], [])]
+    answered, ends_s = False, time.monotonic() + seconds
 
     def take(published: Published) -> None:
+        nonlocal answered, ends_s
+        if not answered:  # the first answer may have waited for a minute of compiling
+            answered, ends_s = True, time.monotonic() + seconds
         system, frame = localizer.system, published.frame
         if frame is not None and isinstance(system, Touchline):
             taken[0] = _take(taken[0]._replace(camera=localizer.camera), system, frame, published.estimate)
 
     console = errors_console()
     console.print(f"looks for {seconds:g} s: let the robot walk about; Ctrl-C ends it earlier")
-    ends_s = time.monotonic() + seconds
     with (
         closing(open_link(choice, localizer)) as link,
         announce_compiling(console.print),
