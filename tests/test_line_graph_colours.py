@@ -361,7 +361,7 @@ def test_carpet_that_the_sun_washes_out_is_green_and_lines_on_it_are_white() -> 
     classes = classes_of_model(colour_model(carpet, np.array([200.0, 205.0, 200.0])), yuv=False)
     light, washed = np.ones((30, 40)), np.zeros((30, 40), dtype=np.uint8)
     model = (float(classes.model.green.sum()), classes.model.signal)
-    carpet_light(image, classes.tables, model, light, washed, np.zeros((30, 40)))
+    carpet_light(image, classes.tables, model, (light, washed, np.zeros((30, 40))))
     assert washed[:, 22:].all()
     assert not washed[:, :18].any()
     white_from = np.clip(FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, 0, classes.white_until)
@@ -384,7 +384,7 @@ def test_paint_is_told_by_what_it_exceeds_the_carpet_by_that_the_sun_brings_to_a
     light, base = np.ones((2, 30, 40))
     base *= float(model.signal @ model.green)
     washed = np.zeros((30, 40), dtype=np.uint8)
-    carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), light, washed, base)
+    carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), (light, washed, base))
     above = paint_above(base, light, (model.white, model.signal))
 
     def signal(colour: FloatArray, column: int) -> float:

@@ -283,22 +283,48 @@ def carpet_light(
     image: ImageArray,
     tables: ByteArray,
     model: tuple[float, FloatArray],
-    light: FloatArray,
-    washed: ByteArray,
-    base: FloatArray,
+    cells: tuple[FloatArray, ByteArray, FloatArray],
 ) -> None:
     """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), and
     whether the sun washes it out, into washed (rows, columns); the signal of that close to it into base (rows,
     columns), which holds that of the learned one: it has to change where light and shadow meet, light only scales.
 
-    model: B + G + R of the carpet that was learned, and the signal (3,) that tells paint from it. light is 1 where no
-    carpet is near.
+    model: B + G + R of the carpet that was learned, and the signal (3,) that tells paint from it. cells: light, which
+    is 1 where no carpet is near, washed, base.
     """
-    (carpet_sum, signal), (rows, columns) = model, light.shape
-    # integral images, of brightness, number and signal of green samples and of washed-out ones: what is summed over
-    # any rectangle costs four look-ups
+    (carpet_sum, signal), (light, washed, base) = model, cells
+    rows, columns = light.shape
     pad = _LIGHT_REACH  # columns to each side, so that no window leaves them
     sums = np.zeros((6, rows + 1, columns + 1 + 2 * pad))
+    _sum_carpet(image, tables, signal, sums)
+    per_cell = (CELL_PX // _EVERY) ** 2
+    for row in range(rows):
+        near = max(row - _WASHED_REACH, 0), min(row + _WASHED_REACH + 1, rows)
+        wide = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
+        for column in range(columns):
+            across = min(column + _WASHED_REACH + 1, columns) - max(column - _WASHED_REACH, 0)
+            at = column + pad
+            pale = _inside(sums, 3, near, at, _WASHED_REACH)
+            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * per_cell)
+            brightness, count = _inside(sums, 0, wide, at, _LIGHT_REACH), _inside(sums, 1, wide, at, _LIGHT_REACH)
+            brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
+            count = pale if is_washed else count
+            washed[row, column] = is_washed
+            light[row, column] = brightness / (count * carpet_sum) if count > _MIN_SAMPLES else 1.0
+            samples = pale if is_washed else _inside(sums, 1, near, at, _WASHED_REACH)
+            if samples > _MIN_SAMPLES:
+                base[row, column] = _inside(sums, 5 if is_washed else 4, near, at, _WASHED_REACH) / samples
+            else:
+                base[row, column] *= light[row, column]
+
+
+@njit(cache=True)
+def _sum_carpet(image: ImageArray, tables: ByteArray, signal: FloatArray, sums: FloatArray) -> None:
+    """Integral images, of brightness, number and signal of green samples and of washed-out ones: what is summed over
+    any rectangle of cells costs four look-ups.
+    """
+    pad, rows = _LIGHT_REACH, sums.shape[1] - 1
+    columns = sums.shape[2] - 1 - 2 * pad
     for row in range(rows):
         usual = number = washed_out = washed_number = np.int64(0)  # along the row
         usual_signal = washed_signal = 0.0
@@ -323,25 +349,6 @@ def carpet_light(
         for at in range(columns + 1 + pad, columns + 1 + 2 * pad):
             for k in range(6):
                 sums[k, row + 1, at] = sums[k, row + 1, columns + pad]
-    per_cell = (CELL_PX // _EVERY) ** 2
-    for row in range(rows):
-        near = max(row - _WASHED_REACH, 0), min(row + _WASHED_REACH + 1, rows)
-        wide = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
-        for column in range(columns):
-            across = min(column + _WASHED_REACH + 1, columns) - max(column - _WASHED_REACH, 0)
-            at = column + pad
-            pale = _inside(sums, 3, near, at, _WASHED_REACH)
-            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * per_cell)
-            brightness, count = _inside(sums, 0, wide, at, _LIGHT_REACH), _inside(sums, 1, wide, at, _LIGHT_REACH)
-            brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
-            count = pale if is_washed else count
-            washed[row, column] = is_washed
-            light[row, column] = brightness / (count * carpet_sum) if count > _MIN_SAMPLES else 1.0
-            samples = pale if is_washed else _inside(sums, 1, near, at, _WASHED_REACH)
-            if samples > _MIN_SAMPLES:
-                base[row, column] = _inside(sums, 5 if is_washed else 4, near, at, _WASHED_REACH) / samples
-            else:
-                base[row, column] *= light[row, column]
 
 
 @njit(cache=True)

@@ -98,7 +98,7 @@ def _counted(
     base: FloatArray = np.full(usable.shape, usual)
     washed = np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
-        carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), light, washed, base)
+        carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), (light, washed, base))
     white_from = np.empty(usable.shape, dtype=np.uint8)
     _white_codes(light, classes.white_from, min(classes.white_until, 255.0), white_from)
     counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
