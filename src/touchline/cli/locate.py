@@ -79,7 +79,7 @@ def locate(
     model = open_field(field if field is not None else _ASSUMED_FIELD)
     with _searching():
         seen = _seen(source, camera, model, attitude)
-        answer = _answer(seen, model, heading, with_scale)
+        answer = _answer(source, seen, model, heading, with_scale)
         picture = _draw(source, seen, model, answer, output)
     found = answer.found
     with _whole_output():
@@ -175,8 +175,9 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
     return camera if pose is None else replace(camera, base_from_camera=pose, use_attitude=False)
 
 
-def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
-    from touchline.localization.one_shot.advice import better_fits, fit_scale
+def _answer(source: Path, seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
+    from touchline.camera import PerspectiveCamera
+    from touchline.localization.one_shot.advice import better_field, better_fits, fit_scale
     from touchline.localization.one_shot.locate import PoorFitError, locate, locate_points
 
     points, scale = seen.points, None
@@ -191,12 +192,18 @@ def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: b
             found = locate(seen.look.observation, field, heading, camera=seen.camera)
     except NoFitError as error:
         found = error
-    if isinstance(found, PoorFitError):
-        better = better_fits(points, field, found.best.pose, heading)
-    elif not isinstance(found, NoFitError) and found.doubts:
-        better = better_fits(points, field, found.pose, heading)
+    best = found.best if isinstance(found, PoorFitError) else None if isinstance(found, NoFitError) else found
+    if best is None or (best is found and not best.doubts):
+        return _Answer(found, points, scale, ())
+    if seen.look is not None and scale is None and isinstance(seen.camera, PerspectiveCamera):
+        from touchline.view.look import observe_image
+
+        camera, place = seen.camera, best if best is found else None
+        better = better_field(
+            lambda other: observe_image(source, camera, other).observation, field, place, heading, camera
+        )
     else:
-        better = ()
+        better = better_fits(points, field, best.pose, heading)
     return _Answer(found, points, scale, better)
 
 

@@ -3,18 +3,21 @@
 A scale is fitted together with the pose.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from touchline.camera import Camera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.one_shot.certainty import Spread, camera_fit
 from touchline.localization.one_shot.doubts import FAR_M
-from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings
+from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, Location, locate
 from touchline.localization.one_shot.point_search import C_M, PointSearch
 from touchline.localization.one_shot.thinning import different, thinned_to
+from touchline.types import Observation
 
 _BETTER = 0.7  # of the robust error: what is better than this is worth telling
 SCALES = (0.8, 0.84, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.18, 1.24)  # tried: one within 3 % is found from there
@@ -105,6 +108,27 @@ def better_fits(
     if _error(scaled, field, best) < limit:
         fits.append(Better(None, scale, float(np.mean(field.line_distances(best.transform(scaled))))))
     return tuple(fits)
+
+
+def better_field(
+    observe: Callable[[FieldModel], Observation], field: FieldModel, found: Location | None, heading: float | None,
+    camera: Camera,
+) -> tuple[Better, ...]:  # fmt: skip
+    """The preset on which all that an image shows fits best, its camera's errors fitted, too; none if it is the field.
+
+    observe: what it shows to a detector for a field. found: on the field, whose mean distance the other must beat by
+    far; None where nothing was.
+    """
+    fits = []
+    for name in preset_names():
+        if (other := open_field(name)) != field:
+            try:
+                there = locate(observe(other), other, heading, camera=camera)
+            except NoFitError:
+                continue
+            if found is None or there.mean_distance_m < _BETTER * found.mean_distance_m:
+                fits.append((len(there.doubts), there.mean_distance_m, name))
+    return tuple(Better(name, None, mean_m) for _, mean_m, name in sorted(fits)[:1])
 
 
 def _error(points: FloatArray, field: FieldModel, pose: Pose) -> float:
