@@ -15,6 +15,7 @@ import typer
 
 from touchline.cli.console import errors_console, say
 from touchline.compiling import without_c_wrappers
+from touchline.messages import counted
 from touchline.packed_loops import packed_loops_taken, take_packed_loops
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def compile_loops(
         with _compiled() as names:
             example()
         compiled += len(names)
-        what = f"{len(names)} loops compiled" if names else "nothing to compile"
+        what = f"{counted(len(names), 'loop')} compiled" if names else "nothing to compile"
         say(f"{number} of {len(steps)}, {name}: ready after {time.perf_counter() - started:.1f} s, {what}")
     if packed := take_packed_loops():
         say(packed)
