@@ -33,8 +33,8 @@ from touchline.perception.line_graph.colour_classes import (
     colour_codes,
     count_classes,
     learn_classes,
+    paint_above,
     suppress_fringes,
-    tell_paint,
 )
 from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.contrast import contrasts, learn_contrast, white_blocks
@@ -361,7 +361,7 @@ def test_carpet_that_the_sun_washes_out_is_green_and_lines_on_it_are_white() -> 
     classes = classes_of_model(colour_model(carpet, np.array([200.0, 205.0, 200.0])), yuv=False)
     light, washed = np.ones((30, 40)), np.zeros((30, 40), dtype=np.uint8)
     model = (float(classes.model.green.sum()), classes.model.signal)
-    carpet_light(image, classes.tables, model, light, washed, np.zeros(light.shape))
+    carpet_light(image, classes.tables, model, (light, washed, np.zeros((30, 40))))
     assert washed[:, 22:].all()
     assert not washed[:, :18].any()
     white_from = np.clip(FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, 0, classes.white_until)
@@ -381,15 +381,17 @@ def test_paint_is_told_by_what_it_exceeds_the_carpet_by_that_the_sun_brings_to_a
     classes = classes_of_model(model, yuv=False)
     image = np.zeros((240, 320, 3), dtype=np.uint8)
     image[:, :160], image[:, 160:] = green, patch
-    light, base = np.ones((30, 40)), np.full((30, 40), float(model.signal @ model.green))
+    light, base = np.ones((2, 30, 40))
+    base *= float(model.signal @ model.green)
     washed = np.zeros((30, 40), dtype=np.uint8)
-    carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), light, washed, base)
-    tell_paint((model.green, model.white, model.signal), light, base)
+    carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), (light, washed, base))
+    above = paint_above(base, light, (model.white, model.signal))
 
     def signal(colour: FloatArray, column: int) -> float:
-        return float((model.signal @ (colour - model.green) - base[15, column]) / light[15, column])
+        return float((model.signal @ colour - base[15, column]) / above[15, column])
 
-    assert signal(green, 5) == pytest.approx(0.0, abs=0.02)
-    assert signal(white, 5) == pytest.approx(1.0, abs=0.02)
-    assert signal(patch, 34) == pytest.approx(0.0, abs=0.02)
-    assert signal(paint, 34) == pytest.approx(1.0, abs=0.02)
+    for carpet_there, paint_there, far, near in ((green, white, 5, 16), (patch, paint, 34, 23)):
+        assert signal(carpet_there, far) == pytest.approx(0.0, abs=0.02)
+        assert signal(paint_there, far) == pytest.approx(1.0, abs=0.02)
+        assert signal(carpet_there, near) == pytest.approx(0.0, abs=0.02)  # three cells beside the edge
+        assert signal(paint_there, near) > 0.7

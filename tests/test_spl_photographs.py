@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from conftest import FULL_DATA
 
+from touchline.camera import GroundView, PinholeCamera
 from touchline.experiments import EXPERIMENTS
-from touchline.experiments.photographs import LABELS, aside, measured
-from touchline.geometry import FloatArray
+from touchline.experiments.photographs import KNOWN_M, LABELS, aside, measured, pose_of_labels
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose, Pose3
 
 PHOTOGRAPHS = FULL_DATA / "real" / "spl_photos"
 GOAL_FRAMES = Path(__file__).parent / "data" / "spl_goal_frames.csv"
@@ -59,6 +61,22 @@ def labelled_lines_are_found_and_a_white_goal_is_none() -> None:
     assert "refused" not in said
     assert "wrong" not in said
     assert sum(one.off_m < 0.15 for one in seen) >= 5
+
+
+def test_labels_of_a_goal_box_far_away_leave_the_pose_open() -> None:
+    """Exact labels give it back; how far labels as people set them would move it grows with the distance."""
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.35, 0.0, (0.0, 0.0, 0.5))
+    camera = PinholeCamera(640, 480, 550.0, 550.0, 320.0, 240.0, np.zeros(5), mount)
+    ends = np.array([[4.5, 0.9], [4.5, -0.5], [3.9, 0.9], [3.9, -0.4], [3.95, 1.1], [4.45, 1.1]])
+    errors_m = []
+    for x in (2.4, 0.5):
+        pose = Pose(x, 0.4, 0.0)
+        labels = GroundView(camera).image_from_ground(pose.inverse().transform(ends))
+        found = pose_of_labels(camera, open_field("spl-9x6"), labels)
+        assert found is not None
+        assert min(found[0].distance_to(end) for end in (pose, pose.mirrored())) < 0.01
+        errors_m.append(found[1])
+    assert errors_m[0] < KNOWN_M < errors_m[1]
 
 
 def test_without_photographs_it_is_said_what_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

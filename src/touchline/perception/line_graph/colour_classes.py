@@ -33,12 +33,13 @@ WHITE_STEPS = 100.0  # such codes between carpet and paint
 HALF_WHITE = 0.5  # a pixel that is half paint is white: edges lie at half height
 _MIN_WHITE = 0.15  # colours less white than this are never white, whatever the light
 _EVERY = 4  # pixels between the samples that tell the light
+_MIN_SAMPLES = 8.0  # of carpet, that tell its light
 _LIGHT_REACH = 6  # cells to each side that the light is averaged over
 _WASHED = 0.25  # least excess of G of washed-out carpet, from that of paint (0) to that of carpet (1)
 _GREENER = 1.02  # than red, which yellow is not
 _WASHED_BRIGHTER = 1.15  # than the carpet that was learned
 _WASHED_REACH, _WASHED_SHARE = 2, 0.35  # cells to each side, and the share of them that is washed-out
-_LEAST_SIGNAL = 0.1  # of paint above washed-out carpet, against paint above carpet in the light that was learned
+_MIN_PAINT = 0.1  # signal of paint above that of the carpet about it, against that in the light that was learned
 _SATURATED = 0.75  # of how white an image can get: paint is no whiter in any light
 _PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
 _MIN_PIXELS = 30  # pixels that paint is learned from
@@ -282,21 +283,48 @@ def carpet_light(
     image: ImageArray,
     tables: ByteArray,
     model: tuple[float, FloatArray],
-    light: FloatArray,
-    washed: ByteArray,
-    base: FloatArray,
+    cells: tuple[FloatArray, ByteArray, FloatArray],
 ) -> None:
-    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), whether
-    the sun washes it out, into washed (rows, columns), and its mean signal, into base (rows, columns).
+    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns), and
+    whether the sun washes it out, into washed (rows, columns); the signal of that close to it into base (rows,
+    columns), which holds that of the learned one: it has to change where light and shadow meet, light only scales.
 
-    model: B + G + R of the carpet that was learned, and the signal (3,) that tells paint from it. light is 1 where no
-    carpet is near, and base what it was.
+    model: B + G + R of the carpet that was learned, and the signal (3,) that tells paint from it. cells: light, which
+    is 1 where no carpet is near, washed, base.
     """
-    (carpet_sum, signal), (rows, columns) = model, light.shape
-    # integral images, of brightness, number and signal of green samples and of washed-out ones: what is summed over
-    # any rectangle costs four look-ups
+    (carpet_sum, signal), (light, washed, base) = model, cells
+    rows, columns = light.shape
     pad = _LIGHT_REACH  # columns to each side, so that no window leaves them
     sums = np.zeros((6, rows + 1, columns + 1 + 2 * pad))
+    _sum_carpet(image, tables, signal, sums)
+    per_cell = (CELL_PX // _EVERY) ** 2
+    for row in range(rows):
+        near = max(row - _WASHED_REACH, 0), min(row + _WASHED_REACH + 1, rows)
+        wide = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
+        for column in range(columns):
+            across = min(column + _WASHED_REACH + 1, columns) - max(column - _WASHED_REACH, 0)
+            at = column + pad
+            pale = _inside(sums, 3, near, at, _WASHED_REACH)
+            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * per_cell)
+            brightness, count = _inside(sums, 0, wide, at, _LIGHT_REACH), _inside(sums, 1, wide, at, _LIGHT_REACH)
+            brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
+            count = pale if is_washed else count
+            washed[row, column] = is_washed
+            light[row, column] = brightness / (count * carpet_sum) if count > _MIN_SAMPLES else 1.0
+            samples = pale if is_washed else _inside(sums, 1, near, at, _WASHED_REACH)
+            if samples > _MIN_SAMPLES:
+                base[row, column] = _inside(sums, 5 if is_washed else 4, near, at, _WASHED_REACH) / samples
+            else:
+                base[row, column] *= light[row, column]
+
+
+@njit(cache=True)
+def _sum_carpet(image: ImageArray, tables: ByteArray, signal: FloatArray, sums: FloatArray) -> None:
+    """Integral images, of brightness, number and signal of green samples and of washed-out ones: what is summed over
+    any rectangle of cells costs four look-ups.
+    """
+    pad, rows = _LIGHT_REACH, sums.shape[1] - 1
+    columns = sums.shape[2] - 1 - 2 * pad
     for row in range(rows):
         usual = number = washed_out = washed_number = np.int64(0)  # along the row
         usual_signal = washed_signal = 0.0
@@ -321,41 +349,21 @@ def carpet_light(
         for at in range(columns + 1 + pad, columns + 1 + 2 * pad):
             for k in range(6):
                 sums[k, row + 1, at] = sums[k, row + 1, columns + pad]
-    per_cell = (CELL_PX // _EVERY) ** 2
-    for row in range(rows):
-        near = max(row - _WASHED_REACH, 0), min(row + _WASHED_REACH + 1, rows)
-        wide = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
-        for column in range(columns):
-            across = min(column + _WASHED_REACH + 1, columns) - max(column - _WASHED_REACH, 0)
-            at = column + pad
-            pale = _inside(sums, 3, near, at, _WASHED_REACH)
-            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * per_cell)
-            brightness, count = _inside(sums, 0, wide, at, _LIGHT_REACH), _inside(sums, 1, wide, at, _LIGHT_REACH)
-            brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
-            count = pale if is_washed else count
-            washed[row, column] = is_washed
-            beside = pale if is_washed else _inside(sums, 1, near, at, _WASHED_REACH)
-            if beside > 8.0:
-                base[row, column] = _inside(sums, 5 if is_washed else 4, near, at, _WASHED_REACH) / beside
-            light[row, column] = brightness / (count * carpet_sum) if count > 8.0 else 1.0
 
 
 @njit(cache=True)
-def tell_paint(model: tuple[FloatArray, FloatArray, FloatArray], light: FloatArray, base: FloatArray) -> None:
-    """Paint is told by what it exceeds the carpet about it by: `base` becomes the signal of this above that of the
-    carpet that was learned, and `light` what is left of it up to paint, or to the whitest that an image can show.
-
-    model: green, white and signal (3,) of the learned colours; the others (rows, columns), as of `carpet_light`.
+def paint_above(base: FloatArray, light: FloatArray, model: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """(rows, columns) by how much the signal of paint exceeds that of the carpet about each cell, base (rows, columns):
+    paint in as much light as this, or the whitest that an image can show. model: white and signal (3,) as learned.
     """
-    green, white, signal = model
-    usual = (signal * green).sum()
+    (white, signal), paint = model, np.empty_like(light)
     for row in range(light.shape[0]):
         for column in range(light.shape[1]):
             whitest = 0.0
             for k in range(3):
                 whitest += signal[k] * min(light[row, column] * white[k], 255.0)
-            light[row, column] = max(whitest - base[row, column], _LEAST_SIGNAL)
-            base[row, column] -= usual
+            paint[row, column] = max(whitest - base[row, column], _MIN_PAINT)
+    return paint
 
 
 @njit(cache=True)

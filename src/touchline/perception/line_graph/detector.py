@@ -143,7 +143,7 @@ class LineGraphDetector:
         signal[0] -= float(model.signal @ model.green)
         blue, green, red = model.green
         least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
-        return Pixels(image, least, signal, structure.light, structure.base, self.field.line_width, _LOOSEST, _TIGHTEST)
+        return Pixels(image, least, signal, structure.paint, structure.base, self.field.line_width, _LOOSEST, _TIGHTEST)
 
     def _masks(self, view: GroundView) -> tuple[BoolArray, BoolArray, IntArray]:
         """(H, W) pixels that see ground near by, and ground that is looked at at all; `sides` of a line."""

@@ -20,8 +20,8 @@ OUTSIDE, NO_LINE, LINE = 0, 1, 2
 NEAR_PX = 2.0
 """How far off a line that other profiles have placed is looked for."""
 _MAX_SAMPLES = 160
-_FOUND = 5
-PROFILE_ROOM = _FOUND + _MAX_SAMPLES
+_RESULTS = 5
+PROFILE_ROOM = _RESULTS + _MAX_SAMPLES
 """Numbers that a profile needs room for: what it found, then its samples."""
 _FLANK_PX = 3  # carpet looked at on each side
 _FAINTEST = 0.25  # least contrast of a line
@@ -43,14 +43,14 @@ class Pixels(NamedTuple):
 
     image: (H, W, 3). least_green: excess of G from which on a colour is green, as a share of B + G + R. signal:
     (3, 256) what each value of B, G, R adds: 0 on carpet, 1 on paint in the light that was learned. base: (rows,
-    columns) of cells, signal of the carpet about each. light: by how much that of paint exceeds it there. width_m: of a
-    line. loosest, tightest: how much wider and narrower than expected a line may look.
+    columns) of cells, signal of the carpet about each, above that of the learned one. paint: by how much that of paint
+    exceeds it there. width_m: of a line. loosest, tightest: how much wider and narrower than expected a line may look.
     """
 
     image: ImageArray
     least_green: float
     signal: FloatArray
-    light: FloatArray
+    paint: FloatArray
     base: FloatArray
     width_m: float
     loosest: float
@@ -71,10 +71,10 @@ def signal_at(pixels: Pixels, u: float, v: float) -> float:
             r, c = np.uintp(row + dv), np.uintp(column + du)
             blue, green, red = image[r, c, 0], image[r, c, 1], image[r, c, 2]
             total += share * (signal[0, np.uintp(blue)] + signal[1, np.uintp(green)] + signal[2, np.uintp(red)])
-    cell_row = min(int(v) // CELL_PX, pixels.light.shape[0] - 1)
-    cell_column = min(int(u) // CELL_PX, pixels.light.shape[1] - 1)
+    cell_row = min(int(v) // CELL_PX, pixels.paint.shape[0] - 1)
+    cell_column = min(int(u) // CELL_PX, pixels.paint.shape[1] - 1)
     r, c = np.uintp(cell_row), np.uintp(cell_column)
-    return float((total - pixels.base[r, c]) / pixels.light[r, c])
+    return float((total - pixels.base[r, c]) / pixels.paint[r, c])
 
 
 @njit(cache=True, error_model="numpy")
@@ -121,7 +121,7 @@ def read_profile(
     height, width = pixels.image.shape[0], pixels.image.shape[1]
     steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MAX_SAMPLES - 2))
     near = min(_near(cut.width_px, reach_px), steps)
-    samples, top = uncounted(found)[_FOUND : _FOUND + 2 * steps + 1], -np.inf
+    samples, top = uncounted(found)[_RESULTS : _RESULTS + 2 * steps + 1], -np.inf
     samples[:] = np.nan
     for k in range(-near, near + 1):
         samples[steps + k] = _sample(pixels, cut, k)

@@ -20,8 +20,8 @@ from touchline.perception.line_graph.colour_classes import (
     CountArray,
     carpet_light,
     count_classes,
+    paint_above,
     suppress_fringes,
-    tell_paint,
 )
 from touchline.perception.line_graph.contrast import BLOCK_PX, mean_blocks, white_blocks
 from touchline.perception.line_graph.field_boundary import (
@@ -50,13 +50,13 @@ _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learni
 class Structure(NamedTuple):
     """What section 3 makes of an image, in cells of 8 x 8 pixels.
 
-    counts: (8, rows, columns) pixels of each class. light, base: (rows, columns) as of `Pixels`. ends: (columns,)
+    counts: (8, rows, columns) pixels of each class. paint, base: (rows, columns) as of `Pixels`. ends: (columns,)
     height of the field's boundary. sees_ground: (rows, columns) below the horizon. smooth: (rows, columns) low-passed
     white. ranks: (rows, columns) of the skeleton.
     """
 
     counts: CountArray
-    light: FloatArray
+    paint: FloatArray
     base: FloatArray
     ends: FloatArray
     sees_ground: BoolArray
@@ -75,7 +75,7 @@ def find_structure(
     settings: LineGraphSettings,
 ) -> Structure:
     """The structure of an image (H, W, 3). usable: (rows, columns) cells whose colours count."""
-    counts, light, base = _counted(image, classes, usable, (plane, line_width_m))
+    counts, paint, base = _counted(image, classes, usable, (plane, line_width_m))
     ends, horizon = _boundary(counts, plane, settings)
     rows, columns = usable.shape
     white, smooth = np.empty((rows, columns)), np.empty((rows, columns))
@@ -86,24 +86,21 @@ def find_structure(
     rank_cells(smooth, ranks, _MIN_WHITE if settings.paper.strays else 0.0)
     graph = line_graph(smooth, ranks)
     sees_ground = np.arange(rows)[:, np.newaxis] >= horizon
-    return Structure(counts, light, base, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
+    return Structure(counts, paint, base, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
 
 
 def _counted(
     image: ImageArray, classes: ColourClasses, usable: BoolArray, line: tuple[ImagePlane, float]
 ) -> tuple[CountArray, FloatArray, FloatArray]:
-    """Counts, light and base; line: where it is looked for, and its width (m)."""
-    model = classes.model
+    """Counts, paint and base; line: where it is looked for, and its width (m)."""
+    model, usual = classes.model, float(classes.model.signal @ classes.model.green)
     light: FloatArray = np.ones(usable.shape)
-    base: FloatArray = np.zeros(usable.shape)
+    base: FloatArray = np.full(usable.shape, usual)
     washed = np.zeros(usable.shape, dtype=np.uint8)
     if classes.local:
-        base[:] = model.signal @ model.green  # where no carpet is near
-        carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), light, washed, base)
+        carpet_light(image, classes.tables, (float(model.green.sum()), model.signal), (light, washed, base))
     white_from = np.empty(usable.shape, dtype=np.uint8)
     _white_codes(light, classes.white_from, min(classes.white_until, 255.0), white_from)
-    if classes.local:
-        tell_paint((model.green, model.white, model.signal), light, base)
     counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
     count_classes(image, classes.tables, white_from, washed, counts)
     suppress_fringes(counts)
@@ -111,13 +108,14 @@ def _counted(
         light, base = _count_by_contrast(image, classes, sides(line[0], image.shape[0] // BLOCK_PX, line[1]), counts)
     if not usable.all():
         counts[:, ~usable] = 0
-    return counts, light, base
+    paint = paint_above(base, light, (model.white, model.signal)) if classes.local else light
+    return counts, paint, base - usual
 
 
 def _count_by_contrast(
     image: ImageArray, classes: ColourClasses, reach: IntArray, counts: CountArray
 ) -> tuple[FloatArray, FloatArray]:
-    """White as what exceeds both its sides, into counts; light and base of the carpet about each cell."""
+    """White as what exceeds both its sides, into counts; light and signal of the carpet about each cell."""
     (rows, columns), per_cell, model = counts.shape[1:], CELL_PX // BLOCK_PX, classes.model
     blocks = mean_blocks(image)[: per_cell * rows, : per_cell * columns]
     white = white_blocks(blocks, reach[: len(blocks)], classes.least_contrast)
@@ -131,7 +129,7 @@ def _count_by_contrast(
     share, bright, signal = cv2.split(cv2.blur(carpet, (_ABOUT, _ABOUT)).astype(np.float64))
     known, share = share > _MIN_CARPET, np.maximum(share, _MIN_CARPET)
     light = np.where(known, bright / share / model.green.sum(), 1.0)
-    base = np.where(known, signal / share - model.signal @ model.green, 0.0)
+    base = np.where(known, signal / share, model.signal @ model.green)
     return np.clip(light, _DARKEST, _BRIGHTEST), base
 
 
