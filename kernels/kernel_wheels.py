@@ -15,8 +15,12 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import touchline
 from touchline.packed_loops import DESCRIPTION, PACKAGE, surroundings
@@ -93,7 +97,6 @@ def compile_signatures(met: str, target: str) -> None:
         module.get_process_triple = module.get_default_triple = lambda: target
 
     from numba.core.caching import IndexDataCacheFile
-    from numba.core.dispatcher import Dispatcher
 
     from touchline.compiling import leave_out_c_wrappers
 
@@ -102,12 +105,22 @@ def compile_signatures(met: str, target: str) -> None:
         if not any(folder.glob(f"{source.stem}.*.nbi")):
             continue
         name = ".".join(("touchline", *source.relative_to(SOURCES).with_suffix("").parts))
-        for loop in vars(importlib.import_module(name)).values():
-            if isinstance(loop, Dispatcher) and loop.py_func.__module__ == name:
-                cache = loop._cache
-                index = IndexDataCacheFile(folder, cache._impl.filename_base, cache._cache_file._source_stamp)
-                for signature, *_ in index._load_index():
-                    loop.compile(signature)
+        for loop in kept_loops(importlib.import_module(name)):
+            cache = loop._cache
+            index = IndexDataCacheFile(folder, cache._impl.filename_base, cache._cache_file._source_stamp)
+            for signature, *_ in index._load_index():
+                loop.compile(signature)
+
+
+def kept_loops(module: ModuleType) -> Iterator[Any]:
+    """A module's own loops whose code Numba keeps."""
+    from numba.core.caching import FunctionCache
+    from numba.core.dispatcher import Dispatcher
+
+    for loop in vars(module).values():
+        own = isinstance(loop, Dispatcher) and loop.py_func.__module__ == module.__name__
+        if own and isinstance(loop._cache, FunctionCache):
+            yield loop
 
 
 def packed(kept: Path, kind: Processors, package: Path) -> None:
@@ -133,7 +146,7 @@ def wheel(kept: Path, kind: Processors, project: Path, output: Path) -> None:
     tags = [f"--python-tag={python}", f"--abi-tag={python}", f"--platform-tag={kind.platform}"]
     made = next((project / "dist").glob("*.whl"))
     subprocess.run([sys.executable, "-m", "wheel", "tags", "--remove", *tags, made], check=True)
-    shutil.move(next((project / "dist").glob("*.whl")), output)
+    shutil.copy(next((project / "dist").glob("*.whl")), output)
 
 
 def _kept_for(kept: Path) -> list[tuple[Path, Path]]:
@@ -145,14 +158,17 @@ def _kept_for(kept: Path) -> list[tuple[Path, Path]]:
 
 
 def main() -> None:
-    """Build both wheels."""
-    output = Path(sys.argv[1]).resolve()
-    shutil.rmtree(output, ignore_errors=True)
-    kept = {kind: output / "compiled" / kind.processor for kind in (V3, ARMV8)}
-    compiled(V3, kept[V3], ALL_LOOPS)
-    compiled_from(kept[V3], ARMV8, kept[ARMV8])
-    for kind, folder in kept.items():
-        wheel(folder, kind, output / "project" / kind.processor, output)
+    """Build both wheels into a folder, in which all else stays as it is."""
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        sys.exit("usage: python kernels/kernel_wheels.py FOLDER")
+    output = Path(sys.argv[1])
+    output.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as work:
+        kept = {kind: Path(work) / "compiled" / kind.processor for kind in (V3, ARMV8)}
+        compiled(V3, kept[V3], ALL_LOOPS)
+        compiled_from(kept[V3], ARMV8, kept[ARMV8])
+        for kind, folder in kept.items():
+            wheel(folder, kind, Path(work) / "project" / kind.processor, output)
 
 
 if __name__ == "__main__":

@@ -230,7 +230,7 @@ def test_all_poses_are_looked_for_again_where_a_closer_look_refutes_some(
     ("lean_deg", "reason"), [(2.9, "the body leans by 2.9°"), (0.3, "don't tell the camera's roll")]
 )
 def test_what_stays_open_is_named_with_its_cause(lean_deg: float, reason: str) -> None:
-    """Eight images of a body that sways by so much leave the mean of its rolls open, whatever they show."""
+    """Six images of a body that sways by so much leave the mean of its rolls open, whatever they show."""
     fit = fit_of(TRUE, POSES, [1.0] * 6)
     fit.covariance[ROLL, ROLL] = math.radians(1.2) ** 2
     swayed = fit._replace(learned=Learned(math.radians(lean_deg), 0.006, 0.3, 0.002))

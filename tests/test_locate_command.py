@@ -168,11 +168,24 @@ def test_an_image_without_carpet_is_refused_by_name(small_data: Path, capsys: py
 
 
 def test_an_image_of_another_size_is_refused_by_name(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cv2.imwrite("small.png", np.full((240, 240, 3), 120, dtype=np.uint8))
+    cv2.imwrite("small.png", np.full((240, 320, 3), 120, dtype=np.uint8))
     assert main(["locate", "small.png", "--camera", str(small_data / "omni_msl_track" / "camera.yaml")]) == 2
-    assert (
-        "small.png: the image is (240, 240, 3) of uint8; the camera file says (480, 480, 3)" in capsys.readouterr().err
-    )
+    assert "small.png: is of 320 x 240 pixels; the camera file says 480 x 480" in capsys.readouterr().err
+
+
+def test_the_field_of_the_recording_is_hinted_at(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (points.parent / "images").mkdir()
+    image_s = points.rename(points.parent / "images" / points.name)
+    assert main(["locate", str(image_s)]) == 0
+    assert "recording" not in capsys.readouterr().out
+    beside = points.parent / "field.yaml"
+    beside.write_text((FIELDS / "nubot-lab-18x8.yaml").read_text())
+    assert main(["locate", str(image_s)]) == 0
+    assert f"tells another; its recording has --field {beside}\n" in capsys.readouterr().out
+    assert main(["locate", str(image_s), "--heading", "2.1"]) == 1
+    assert f"msl-18x12 was assumed; its recording has --field {beside})" in capsys.readouterr().err
+    assert main(["locate", str(image_s), "--field", "msl-18x12"]) == 0
+    assert "field.yaml" not in capsys.readouterr().out
 
 
 def test_a_wrong_heading_is_refused_with_the_best_pose(points: Path, capsys: pytest.CaptureFixture[str]) -> None:

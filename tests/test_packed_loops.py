@@ -6,10 +6,15 @@ import importlib
 import json
 import os
 import platform
+import re
+import shutil
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import kernel_wheels
@@ -17,13 +22,18 @@ import numba
 import pytest
 
 import touchline
+from touchline import matrices, packed_loops
 from touchline.cli import main
+from touchline.files.opened import UnreadableError
 from touchline.packed_loops import DESCRIPTION, PACKAGE, surroundings, take_packed_loops
 
 USED = """
-import sys, numba, numpy as np
+import sys
 from touchline import Pose
-from touchline.packed_loops import take_packed_loops
+untouched = "numba" not in sys.modules
+from touchline import Frame
+import numba, numpy as np
+from touchline.packed_loops import packed_loops_taken, take_packed_loops
 taken_already = take_packed_loops.cache_info().currsize
 said = take_packed_loops()
 from touchline.compiling import load_loops_lean
@@ -33,8 +43,8 @@ a = np.array([[2.0, 1.0], [1.0, 3.0]])
 around = numba.njit(lambda a: inverse(a)[0, 0] + 1.0)
 values = inverse(a).tolist(), around(a), log_determinant(a)
 expected = [[0.6, -0.2], [-0.2, 0.4]], 1.6, log_determinant.py_func(a)
-print(taken_already == 1 and values == expected, end=" ")
-print(*(sum(loop.stats.cache_hits.values()) for loop in (inverse, log_determinant)), said)
+print(untouched and taken_already == 1 and values == expected, end=" ")
+print(*(sum(loop.stats.cache_hits.values()) for loop in (inverse, log_determinant)), packed_loops_taken(), said)
 """
 
 
@@ -57,42 +67,72 @@ def site(compiled: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def use(site: Path, kept: Path, **environment: str) -> list[str]:
-    """Right values?, of `inverse` and `log_determinant` how often found, and what was said."""
+    """Right values?, of `inverse` and `log_determinant` how often found, how many in the wheel, and what was said."""
     environment = {**os.environ, "PYTHONPATH": str(site), "NUMBA_CACHE_DIR": str(kept), **environment}
     ran = subprocess.run([sys.executable, "-c", USED], env=environment, capture_output=True, text=True, check=True)
-    return ran.stdout.split(maxsplit=3)
+    return ran.stdout.split(maxsplit=4)
 
 
 def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in site.rglob("*")}
-    right, packed, other, said = use(site, tmp_path)
-    assert (right, packed, other) == ("True", "1", "0")
+    right, found, other, packed, said = use(site, tmp_path)
+    assert (right, found, other, packed) == ("True", "1", "0", "1")
     assert said.startswith("touchline-kernels is used: its loops are for x86-64-v3")
     kept = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbc")}
     assert "matrices.log_determinant" in kept  # a signature that the wheel lacks is kept where Numba keeps it
     assert "matrices.inverse" not in kept
-    assert use(site, tmp_path)[:3] == ["True", "1", "1"]
+    assert use(site, tmp_path)[:4] == ["True", "1", "1", "1"]
     assert {path: path.stat().st_mtime_ns for path in site.rglob("*")} == before
 
 
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_a_spoilt_file_of_the_wheel_is_left_to_the_compiler(site: Path, tmp_path: Path, kind: str) -> None:
+    spoilt = tmp_path / "site"
+    shutil.copytree(site, spoilt)
+    (path,) = spoilt.rglob(f"matrices.inverse*.{kind}")
+    path.write_bytes(b"\x80 no pickle")
+    right, found, _, packed, said = use(spoilt, tmp_path / "kept")
+    assert (right, found, packed) == ("True", "0", "0")
+    assert said.startswith("touchline-kernels is used")
+
+
+def test_a_cache_that_is_switched_off_stays_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As Numba's own search has it."""
+    cache: Any = numba.core.caching.FunctionCache(matrices.inverse.py_func)
+    cached = numba.core.caching.FunctionCache
+    monkeypatch.setattr(cached, "_load_overload", cached._load_overload)
+    monkeypatch.setattr(packed_loops, "_taken", Counter())
+    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "load", lambda *_: "code")
+    monkeypatch.setattr(cache._impl, "rebuild", lambda target, found: found)
+    packed_loops._take_from(tmp_path, {"target": "any", "processor": "any"})
+    target = matrices.inverse.targetctx
+    assert cache.load_overload((), target) == "code"
+    cache.disable()
+    assert cache.load_overload((), target) is None
+
+
 def test_a_processor_of_the_users_choice_is_left_to_numba(site: Path, tmp_path: Path) -> None:
-    right, packed, _, said = use(site, tmp_path, NUMBA_CPU_NAME="x86-64-v2", NUMBA_CPU_FEATURES="")
-    assert (right, packed) == ("True", "0")
+    right, found, _, packed, said = use(site, tmp_path, NUMBA_CPU_NAME="x86-64-v2", NUMBA_CPU_FEATURES="")
+    assert (right, found, packed) == ("True", "0", "0")
     assert said.strip() == "touchline-kernels is not used: NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set"
 
 
 @pytest.fixture
 def said_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], str]:
     """What is said of an installed wheel with such a description. None of these is to be used in this process."""
-    monkeypatch.setattr("touchline.packed_loops._take_from", lambda *_: None)
+    used: list[Path] = []
+    monkeypatch.setattr("touchline.packed_loops._take_from", lambda folder, _: used.append(folder))
 
     def said(description: str) -> str:
+        used.clear()
         (tmp_path / PACKAGE).mkdir(exist_ok=True)
         (tmp_path / PACKAGE / "__init__.py").touch()
         (tmp_path / PACKAGE / DESCRIPTION).write_text(description)
         monkeypatch.syspath_prepend(tmp_path)
         importlib.invalidate_caches()
-        return take_packed_loops.__wrapped__()
+        words = take_packed_loops.__wrapped__()
+        assert bool(used) == ("is used" in words)
+        return words
 
     return said
 
@@ -115,6 +155,32 @@ def test_a_processor_that_lacks_something_is_told(said_of: Callable[[str], str])
 @pytest.mark.parametrize("description", ["", "[]", "{}", '{"touchline": 1', "\x00"])
 def test_a_spoilt_description_is_told(said_of: Callable[[str], str], description: str) -> None:
     assert said_of(description) == "touchline-kernels is not used: its built.json cannot be read"
+
+
+@pytest.mark.parametrize("name", ["processor", "features", "sources", "target"])
+def test_a_description_that_lacks_something_is_told(said_of: Callable[[str], str], name: str) -> None:
+    built = surroundings() | FITTING
+    del built[name]
+    assert said_of(json.dumps(built)) == "touchline-kernels is not used: its built.json cannot be read"
+
+
+@pytest.mark.parametrize(
+    ("where", "error"),
+    [
+        ("importlib.metadata.version", PackageNotFoundError("touchline")),
+        ("touchline.packed_loops.read_bytes", UnreadableError(Path("field.py"), "permission denied")),
+    ],
+)
+def test_where_touchline_itself_is_not_known_that_is_told(
+    said_of: Callable[[str], str], monkeypatch: pytest.MonkeyPatch, where: str, error: Exception
+) -> None:
+    described = json.dumps(surroundings() | FITTING)
+
+    def fails(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(where, fails)
+    assert said_of(described) == f"touchline-kernels is not used: what it has to fit is not known ({error})"
 
 
 def test_any_changed_source_is_told(
@@ -143,12 +209,58 @@ def test_a_command_takes_them_and_compile_says_so(
     monkeypatch.setattr("touchline.cli.commands.take_packed_loops", lambda: print("taken"))
     monkeypatch.setattr("touchline.cli.compile.take_packed_loops", lambda: "why not")
     monkeypatch.setattr("touchline.systems.SYSTEMS", {})
-    for example in ("locate", "check"):
+    for example in ("fault", "locate", "check"):
         monkeypatch.setattr(f"touchline.cli.compile._{example}_example", lambda: None)
     assert main(["compile"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "taken"
     assert said[-2] == "why not"
+    assert said[-1].startswith("all loops are compiled; code compiled here is kept beside the package")
+    monkeypatch.setattr("touchline.cli.compile.packed_loops_taken", lambda: 7)
+    assert main(["compile"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == "all loops are ready: 7 from the wheel, none compiled"
+    workflow = Path(__file__).parents[1] / ".github" / "workflows" / "release.yml"
+    asked = re.search(r'touchline compile .* grep "(.*)"', workflow.read_text(encoding="utf-8"))
+    assert asked is not None
+    assert last.endswith(asked[1])
+    monkeypatch.setattr("touchline.cli.compile._check_example", lambda: numba.njit(own_loop)(1))
+    monkeypatch.setattr(own_loop, "__module__", "touchline.some")
+    assert main(["compile"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("all loops are ready: 7 from the wheel, 1 compiled; code compiled here is kept beside")
+
+
+def own_loop(a: int) -> int:
+    return a
+
+
+def test_only_loops_that_are_kept_are_compiled_for_another_processor() -> None:
+    plain = numba.njit(own_loop)
+    module: Any = SimpleNamespace(__name__=__name__, plain=plain, foreign=matrices.inverse, other=1)
+    assert list(kernel_wheels.kept_loops(module)) == []
+    assert matrices.inverse in kernel_wheels.kept_loops(matrices)
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["one", "two"]])
+def test_wheels_are_asked_for_with_a_folder(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["kernel_wheels.py", *arguments])
+    with pytest.raises(SystemExit, match="usage: python kernels"):
+        kernel_wheels.main()
+
+
+def test_what_lies_in_the_wheels_folder_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "project").mkdir()
+    (tmp_path / "project" / "thesis.tex").touch()
+    monkeypatch.setattr(sys, "argv", ["kernel_wheels.py", str(tmp_path)])
+    for work in ("compiled", "compiled_from"):
+        monkeypatch.setattr(kernel_wheels, work, lambda *_: None)
+    monkeypatch.setattr(
+        kernel_wheels, "wheel", lambda kept, kind, project, output: (output / kind.processor).write_text("wheel")
+    )
+    kernel_wheels.main()
+    files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
+    assert files == {"project/thesis.tex", "x86-64-v3", "generic"}
 
 
 def test_armv8_is_compiled_here_without_running(compiled: Path, tmp_path: Path) -> None:

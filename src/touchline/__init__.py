@@ -89,8 +89,10 @@ def __getattr__(name: str) -> Any:
 
     if name not in __all__:
         raise AttributeError(f"module 'touchline' has no attribute {name!r}")
-    import_module("touchline.packed_loops").take_packed_loops()
-    value = getattr(import_module(f"touchline.{_MODULES.get(name, 'types')}"), name)
+    module = _MODULES.get(name, "types")
+    if module != "geometry":  # which needs no Numba
+        import_module("touchline.packed_loops").take_packed_loops()
+    value = getattr(import_module(f"touchline.{module}"), name)
     globals()[name] = value
     return value
 

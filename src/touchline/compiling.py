@@ -1,4 +1,4 @@
-"""Numba as the commands and their workers set it; a process that only imports Touchline has it untouched."""
+"""Numba as the commands and their workers set it; importing Touchline does none of this (but see `packed_loops`)."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -8,6 +8,7 @@ import hashlib
 import importlib.util
 import json
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,12 @@ PACKAGE = "touchline_kernels"
 DESCRIPTION = "built.json"
 _MAX_BYTES = 1_000_000  # of it, and of a file of the sources
 _SOURCES = Path(__file__).parent
+_taken: Counter[str] = Counter()
+
+
+def packed_loops_taken() -> int:
+    """How many loops of this process came from the wheel, each with its types."""
+    return _taken.total()
 
 
 @cache
@@ -31,14 +38,19 @@ def take_packed_loops() -> str:
         return ""
     folder = Path(found.origin).parent
     try:
+        here = surroundings()
+    except (UnreadableError, ImportError) as error:
+        return f"touchline-kernels is not used: what it has to fit is not known ({error})"
+    try:
         built = json.loads(read_text(folder / DESCRIPTION, _MAX_BYTES))
-        unfit = _unfit(built)
+        kind = f"{built['processor']} ({built['target']})"
+        unfit = _unfit(built, here)
     except (UnreadableError, ValueError, KeyError, TypeError):
         unfit = f"its {DESCRIPTION} cannot be read"
     if unfit:
         return f"touchline-kernels is not used: {unfit}"
     _take_from(folder, built)
-    return f"touchline-kernels is used: its loops are for {built['processor']} ({built['target']})"
+    return f"touchline-kernels is used: its loops are for {kind}"
 
 
 def surroundings() -> dict[str, str]:
@@ -75,17 +87,17 @@ def _digest_of_sources() -> str:
     return digest.hexdigest()
 
 
-def _unfit(built: dict[str, Any]) -> str:
+def _unfit(built: dict[str, Any], here: dict[str, str]) -> str:
     """Why the loops cannot be taken here; empty if they can."""
     from llvmlite import binding
     from numba.core import config
 
     chosen: Any = config
-    for name, here in surroundings().items():
-        if built[name] != here:
+    for name, value in here.items():
+        if built[name] != value:
             if name == "sources":
                 return "touchline's sources are not those that it was compiled from"
-            return f"it is for {name} {built[name]}, and here is {here}"
+            return f"it is for {name} {built[name]}, and here is {value}"
     if chosen.CPU_NAME is not None or chosen.CPU_FEATURES is not None:
         return "NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set"
     offered = binding.get_host_cpu_features() if built["features"] else {}
@@ -102,13 +114,21 @@ def _take_from(folder: Path, built: dict[str, Any]) -> None:
 
     def _load_overload(self: Any, signature: Any, target: Any) -> Any:
         source = Path(self._py_func.__code__.co_filename)
-        if source.is_relative_to(_SOURCES):
-            place = folder / source.parent.relative_to(_SOURCES)
-            packed = kept.IndexDataCacheFile(place, self._impl.filename_base, self._cache_file._source_stamp)
-            hashes = self._index_key(signature, target.codegen())[-1]
-            found = packed.load((signature, (built["target"], built["processor"], ""), hashes))
+        if self._enabled and source.is_relative_to(_SOURCES):
+            try:
+                found = packed(self, source, signature, target)
+            except Exception:  # a spoilt file may raise anything when it is unpickled
+                found = None
             if found is not None:
-                return self._impl.rebuild(target, found)
+                _taken[self._py_func.__qualname__] += 1
+                return found
         return search(self, signature, target)
+
+    def packed(self: Any, source: Path, signature: Any, target: Any) -> Any:
+        place = folder / source.parent.relative_to(_SOURCES)
+        index = kept.IndexDataCacheFile(place, self._impl.filename_base, self._cache_file._source_stamp)
+        hashes = self._index_key(signature, target.codegen())[-1]
+        found = index.load((signature, (built["target"], built["processor"], ""), hashes))
+        return None if found is None else self._impl.rebuild(target, found)
 
     kept.FunctionCache._load_overload = _load_overload

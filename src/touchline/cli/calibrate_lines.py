@@ -27,7 +27,8 @@ MODELS = "omni", "pinhole", "fisheye"
 # standard deviations, and of a line's width: from there on it is said that all lines lie aside
 _SURELY, _EDGE = 3.0, 0.25
 _HANDEDNESS = (
-    "1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, and said."
+    "Of a mirror, 1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, "
+    "and said."
 )
 
 
@@ -36,7 +37,7 @@ def calibrate_lines(
         list[Path],
         typer.Argument(
             metavar="IMAGE...|PIXELS.csv...",
-            help="Images of one robot on the field, or line points (u_px,v_px), a file for each place.",
+            help="Images of one robot on the field, or (of a mirror) line points (u_px,v_px), a file for each place.",
         ),
     ],
     field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
@@ -46,14 +47,19 @@ def calibrate_lines(
     ] = "omni",
     handedness: Annotated[int | None, typer.Option(metavar="1|-1", help=_HANDEDNESS)] = None,
     mount_yaw: Annotated[
-        float, typer.Option(metavar="RAD", help="mount_yaw of the camera.yaml: lines can't tell where the front is.")
+        float,
+        typer.Option(metavar="RAD", help="mount_yaw of a mirror's camera.yaml: lines can't tell where the front is."),
     ] = 0.0,
     size: Annotated[
         str | None, typer.Option(metavar="WxH", help="[PIXELS.csv] Size of the images, 640x480 for instance.")
     ] = None,
     picture: NewPicture = None,
 ) -> None:
-    """Write a camera.yaml found from the field's lines in one or more images, with no camera.yaml to begin with."""
+    """Write a camera.yaml found from the field's lines in one or more images, with no camera.yaml to begin with.
+
+    A mirror may need one image alone.
+    A perspective camera needs --model pinhole or fisheye and eight or more images, and may take minutes.
+    """
     if model not in MODELS:
         raise InputError(f"--model {model}: is unknown; known: {', '.join(MODELS)}")
     check_handedness(handedness)

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from touchline.types import Estimate, Frame, ImageArray
 
 # roll, pitch (rad), height, focal length (ratios): a camera that is farther off hides lines, and is seen through again
-_FAR, _AGAIN = (0.017, 0.017, 0.02, 0.02), 2
+_MAX_ERRORS, _MAX_LOOKS = (0.017, 0.017, 0.02, 0.02), 3
 
 
 class _Seen(NamedTuple):
@@ -169,12 +169,12 @@ def _of_robot(localizer: Localizer, choice: LinkChoice, seconds: float) -> _Seen
     from touchline.systems.touchline import Touchline
 
     taken = [_Seen("the robot", localizer.camera, localizer.field, [], [])]
-    answered, ends_s = False, time.monotonic() + seconds
+    begun_s = time.monotonic()
+    answered_s: float | None = None
 
     def take(published: Published) -> None:
-        nonlocal answered, ends_s
-        if not answered:  # the first answer may have waited for a minute of compiling
-            answered, ends_s = True, time.monotonic() + seconds
+        nonlocal answered_s
+        answered_s = time.monotonic() if answered_s is None else answered_s
         system, frame = localizer.system, published.frame
         if frame is not None and isinstance(system, Touchline):
             taken[0] = _take(taken[0]._replace(camera=localizer.camera), system, frame, published.estimate)
@@ -187,7 +187,13 @@ def _of_robot(localizer: Localizer, choice: LinkChoice, seconds: float) -> _Seen
         interruptible() as stop,
     ):
         loop = LiveLoop(link, localizer, take)
-        loop.run(lambda: stop() or time.monotonic() > ends_s)
+
+        def is_over() -> bool:
+            if answered_s is None and loop.counts["images"]:
+                return False  # the first answer may wait for a minute of compiling
+            return time.monotonic() > (begun_s if answered_s is None else answered_s) + seconds
+
+        loop.run(lambda: stop() or is_over())
         if not loop.counts["images"]:
             raise NoFitError(f"the robot: nothing came that could be looked at: {link.around()}")
     return taken[0]
@@ -211,6 +217,8 @@ def _mirror(seen: _Seen) -> tuple[str, str, ImageArray]:
 
 def _perspective(seen: _Seen, look_again: Callable[[PerspectiveCamera], _Seen] | None) -> tuple[str, str, ImageArray]:
     """The same of a perspective camera. look_again: what is seen through another camera, where that can be had."""
+    import numpy as np
+
     from touchline.calibration.perspective import perspective_yaml
     from touchline.camera import PerspectiveCamera
     from touchline.view.calibration import self_picture
@@ -218,14 +226,23 @@ def _perspective(seen: _Seen, look_again: Callable[[PerspectiveCamera], _Seen] |
     assert isinstance(seen.camera, PerspectiveCamera)
     focal_px, found = seen.camera.fx, _fitted(seen)
     shared, looks = found.shared, 1
+    further = (
+        "let the robot walk once more with --camera" if look_again is None else "calibrate the recording again with"
+    )
+    advice = f"that much hides what lines could tell: {further} what was found"
     # a moving head's own poses would have to be corrected as well
-    while _is_far(found) and look_again is not None and not seen.head_moves and looks <= _AGAIN:
-        seen = look_again(found.camera)
-        found = _fitted(seen)
-        shared, looks = shared + found.shared, looks + 1
+    while _is_far(found) and look_again is not None and not seen.head_moves and looks < _MAX_LOOKS:
+        errors_console().print("the camera was far off: looks again through what was found")
+        try:
+            found = _fitted(look_again(found.camera))
+        except NoFitError as error:
+            advice = f"looked through again, what was found told no camera; it is kept, and may be wrong: {error}"
+            break
+        ratios = (1.0 + shared[2:]) * (1.0 + found.shared[2:]) - 1.0
+        shared, looks = np.concatenate((shared[:2] + found.shared[:2], ratios)), looks + 1
     words = _perspective_words(found, shared, focal_px, seen.name)
     if _is_far(found):
-        words += "\nthat much hides what lines could tell: let the robot walk once more with what was found"
+        words += f"\n{advice}"
     if seen.head_moves:
         words += (
             "\nthe robot itself places this camera in every image (camera_pose.csv, /tf): roll, pitch and height need "
@@ -236,7 +253,7 @@ def _perspective(seen: _Seen, look_again: Callable[[PerspectiveCamera], _Seen] |
 
 def _is_far(found: PerspectiveSelfCalibration) -> bool:
     """Whether the camera that was looked through was."""
-    return any(abs(error) > far for error, far in zip(found.shared.tolist(), _FAR, strict=True))
+    return any(abs(error) > far for error, far in zip(found.shared.tolist(), _MAX_ERRORS, strict=True))
 
 
 def _fitted(seen: _Seen) -> PerspectiveSelfCalibration:

@@ -15,7 +15,8 @@ import typer
 
 from touchline.cli.console import errors_console, say
 from touchline.compiling import without_c_wrappers
-from touchline.packed_loops import take_packed_loops
+from touchline.messages import counted
+from touchline.packed_loops import packed_loops_taken, take_packed_loops
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -34,7 +35,7 @@ def compile_loops(
 ) -> None:
     """Compile the inner loops of every system once, so that no later start waits for it; for installers and images.
 
-    What is there already is not compiled again.
+    What is there already is not compiled again, nor what the wheel touchline-kernels brings.
     """
     from touchline.systems import SYSTEMS
 
@@ -43,18 +44,27 @@ def compile_loops(
         examples = [("omni", _run_example), ("pinhole", _walk_example)]
         wanted = [example for model, example in examples if model in info.cameras]
         steps += [(name, partial(_each, wanted, name))]
-    steps += [("faults", _fault_example), ("locate", _locate_example), ("check", _check_example)]
+    steps += [
+        ("odometry that fails, a body that sways", _fault_example),
+        ("locate", _locate_example),
+        ("check", _check_example),
+    ]
     steps += [("simulator", _render_example)] if simulator or everything else []
     steps += [("calibrations", _calibrate_example)] if everything else []
+    compiled = 0
     for number, (name, example) in enumerate(steps, 1):
         started = time.perf_counter()
         with _compiled() as names:
             example()
-        what = f"{len(names)} loops compiled" if names else "nothing to compile"
+        compiled += len(names)
+        what = f"{counted(len(names), 'loop')} compiled" if names else "nothing to compile"
         say(f"{number} of {len(steps)}, {name}: ready after {time.perf_counter() - started:.1f} s, {what}")
     if packed := take_packed_loops():
         say(packed)
-    say("all loops are compiled; their code is kept beside the package, or in NUMBA_CACHE_DIR if that is set")
+    taken = packed_loops_taken()
+    ready = f"ready: {taken} from the wheel, {compiled or 'none'} compiled" if taken else "compiled"
+    kept = "; code compiled here is kept beside the package, or in NUMBA_CACHE_DIR if that is set"
+    say(f"all loops are {ready}{kept if compiled or not taken else ''}")
 
 
 def _each(examples: Sequence[Callable[[str], None]], system: str) -> None:

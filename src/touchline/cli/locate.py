@@ -90,9 +90,15 @@ def locate(
         if picture is not None and not as_json:
             say(f"drawn into {picture}")
     if isinstance(found, NoFitError):
-        assumed = f" (--field was not given: {model.name} was assumed)" if field is None else ""
+        assumed = f" (--field was not given: {model.name} was assumed{_beside(source)})" if field is None else ""
         others = "".join(f". {_better_words(better)}" for better in answer.better)
         raise NoFitError(f"{source}: {found}{assumed}{others}")
+
+
+def _beside(source: Path) -> str:
+    """The field of the recording that a file seems to be of, in words."""
+    own = (folder / "field.yaml" for folder in source.absolute().parents[:2])
+    return next((f"; its recording has --field {path}" for path in own if path.is_file()), "")
 
 
 @contextmanager
@@ -244,7 +250,7 @@ def _print_table(source: Path, field: FieldModel, assumed: bool, location: Locat
         factor, deviation = answer.scale
         say(f"all ranges were multiplied by {factor:.4f} ± {deviation:.4f} (--fit-scale)")
     if assumed:
-        say(f"the field {field.name} is assumed; --field NAME or FILE tells another", style="dim")
+        say(f"the field {field.name} is assumed; --field NAME or FILE tells another{_beside(source)}", style="dim")
     output_console().print(_table(location))
     if not location.hypotheses:
         say("no other pose explains the points as well", style="dim")

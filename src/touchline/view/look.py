@@ -225,6 +225,11 @@ def observe_image(path: Path, camera: Camera, field: FieldModel, system: str | N
     seen; all name the file.
     """
     image: ImageArray = read_image(path)
+    height, width, _ = image.shape
+    if (width, height) != (camera.width, camera.height):
+        raise InputError(
+            f"{path}: is of {width} x {height} pixels; the camera file says {camera.width} x {camera.height}"
+        )
     detector = open_system(system or DEFAULT_SYSTEM, RobotSetup(field, camera)).detector
     try:
         assert detector is not None, "there is a camera"
