@@ -255,6 +255,15 @@ def test_carpet_that_the_sun_brings_to_an_image_s_limit_is_no_tint(warmth: bool)
     assert not Tint(warmth).follow(image, pixels, carpet)
 
 
+def test_light_that_is_nearly_as_it_was_has_no_tint_again() -> None:
+    """However little that differs from the tint before, which an image of something else may have told."""
+    carpet, pixels = np.array([60.0, 120.0, 70.0]), np.argwhere(np.ones((20, 20), dtype=np.bool_))
+    tint = Tint(warmth=True)
+    for blue, value in ((1.1, 1.05), (1.02, 1.0), (1.04, 1.0)):
+        tint.follow(np.full((20, 20, 3), carpet * (blue, 1.0, 1.0), dtype=np.uint8), pixels, carpet)
+        assert tint.value[0] == pytest.approx(value, abs=0.006)
+
+
 def test_small_images_follow_the_tint_too_and_noise_goes_with_the_signal() -> None:
     whole, size = mirror_camera(), 180
     center = (0.5 * (size - 1),) * 2

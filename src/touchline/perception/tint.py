@@ -44,8 +44,10 @@ class Tint:
             change = [warmth, 0.0, -warmth]
         tint = [math.exp(min(max(each, -_MAX_TINT), _MAX_TINT)) for each in change]
         changed = any(abs(math.log(new / old)) > _MIN_TINT for new, old in zip(tint, self.value, strict=True))
-        self.value = np.array(tint) if changed else self.value
-        return changed
+        as_learned = all(abs(math.log(each)) < 0.5 * _MIN_TINT for each in tint) and self.value is not NO_TINT
+        if changed or as_learned:
+            self.value = NO_TINT if as_learned else np.array(tint)
+        return changed or as_learned
 
 
 def tinted_model(model: ColourModel, tint: FloatArray) -> ColourModel:

@@ -25,6 +25,7 @@ PROFILE_ROOM = _RESULTS + _MAX_SAMPLES
 """Numbers that a profile needs room for: what it found, then its samples."""
 _FLANK_PX = 3  # carpet looked at on each side
 _FAINTEST = 0.25  # least contrast of a line
+_BRIGHTEST = 1.5  # of paint, where edges lie at half height: what was learned of thin lines is half carpet
 _PALE_FLANK = 0.3  # what is beside a line is no whiter than this share of its contrast
 
 
@@ -131,7 +132,7 @@ def read_profile(
     for way in (-1, 1):
         for k in range(near + 1, steps + 1):  # as far as there is paint, and its flank
             last = k - _FLANK_PX
-            if last >= near and not samples[steps + way * last] >= 0.5 * min(top, 1.0):
+            if last >= near and not samples[steps + way * last] >= 0.5 * min(top, _BRIGHTEST):
                 break
             samples[steps + way * k] = _sample(pixels, cut, way * k)
     shown, middle, paint, top = find_paint(samples, cut.width_px, reach_px)
@@ -180,7 +181,7 @@ def find_paint(samples: FloatArray, width_px: float, reach_px: float) -> tuple[i
             top, peak = samples[k], k
     if not top > _FAINTEST:
         return NO_LINE, 0.0, 0.0, 0.0
-    half = 0.5 * min(top, 1.0)
+    half = 0.5 * min(top, _BRIGHTEST)
     low, high = peak, peak
     while low > 0 and samples[low - 1] >= half:
         low -= 1
