@@ -127,8 +127,7 @@ def test_the_command_writes_a_camera_and_a_picture(
     assert (tmp_path / "camera.png").exists()
 
 
-@pytest.mark.skipif(not (FULL_DATA / "humanoid_9x6_walk").is_dir(), reason="needs the full recordings")
-def test_a_camera_that_is_far_off_is_looked_through_again(tmp_path: Path) -> None:
+def a_camera_that_is_far_off_is_looked_through_again(tmp_path: Path) -> None:
     """By the first look alone the height comes out 2.4 % and the focal length 1.2 % wrong."""
     source, target = FULL_DATA / "humanoid_9x6_walk", tmp_path / "camera.yaml"
     right = open_camera(source / "camera.yaml")
@@ -264,3 +263,7 @@ def test_what_the_first_look_found_is_kept_where_the_second_tells_nothing(monkey
     assert "calibrate the recording again with what was found" in calibrate_self._perspective(seen_first, look)[1]
     fits(found)
     assert "let the robot walk once more with --camera what" in calibrate_self._perspective(seen_first, None)[1]
+
+
+if (FULL_DATA / "humanoid_9x6_walk").is_dir():  # what is cut short of it does not tell the focal length
+    test_a_camera_that_is_far_off_is_looked_through_again = a_camera_that_is_far_off_is_looked_through_again
