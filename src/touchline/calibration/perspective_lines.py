@@ -40,9 +40,8 @@ from touchline.types import ImageArray, Observation
 MIN_SIZE_PX = 64  # a few cells of the line graph each way
 MIN_POINTS, MIN_ON_LINES = 20, 0.85  # of an image that takes part; share of the points that must lie on lines
 RIGHT = 0.9  # share of an image's points on lines from which its pose is kept
-# standard deviations of what is written: roll, pitch (rad; `touchline` takes them as known to three degrees), and
-# height, focal length (ratios)
-MAX_DEVIATIONS = {ROLL: math.radians(1.0), PITCH: math.radians(1.0), HEIGHT: 0.04, FOCAL: 0.04}
+# standard deviations of what is written: roll, pitch (rad), height, focal length (ratios)
+MAX_DEVIATIONS = {ROLL: math.radians(0.5), PITCH: math.radians(0.7), HEIGHT: 0.04, FOCAL: 0.04}
 _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per image width, distortion
 # of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
@@ -70,15 +69,15 @@ class PerspectiveLines:
 
 
 def calibrate_perspective_lines(
-    images: Sequence[ImageArray], field: FieldModel, model: str, tell: Callable[[str], None] = lambda _: None
+    images: Sequence[ImageArray], field: FieldModel, model: str, report: Callable[[str], None] = lambda _: None
 ) -> PerspectiveLines:
-    """The camera of images (H, W, 3), B, G, R, all of one size. tell: is told how far it has come. Raises NoFitError
+    """The camera of images (H, W, 3), B, G, R, all of one size. report: takes how far it has come. Raises NoFitError
     with the reason.
     """
     height, width = images[0].shape[:2]
     if min(height, width) < MIN_SIZE_PX:
         raise NoFitError(f"images of {width} x {height} pixels show no lines: {MIN_SIZE_PX} each way are the least")
-    work = _Calibration(images, field, model, tell)
+    work = _Calibration(images, field, model, report)
     best = work.first()
     for _ in range(_LOOKS):  # some of the poses were found with a camera that is percents off
         right = best.right()
@@ -134,10 +133,10 @@ class _Calibration:
     """Images of a camera that is looked for."""
 
     def __init__(
-        self, images: Sequence[ImageArray], field: FieldModel, model: str, tell: Callable[[str], None]
+        self, images: Sequence[ImageArray], field: FieldModel, model: str, report: Callable[[str], None]
     ) -> None:
         self.size = (images[0].shape[1], images[0].shape[0])
-        self._images, self._field, self._model, self._tell = images, field, model, tell
+        self._images, self._field, self._model, self._report = images, field, model, report
         self._search = PoseSearch(field, Registration(field.distance_map()))
 
     def look(self, state: FloatArray) -> list[Observation]:
@@ -146,7 +145,7 @@ class _Calibration:
         detector = line_graph_detector(camera, LineGraphSettings(), self._field)
         seen = []
         for k, image in enumerate(self._images, start=1):
-            self._tell(f"looks for lines in image {k} of {len(self._images)}")
+            self._report(f"looks for lines in image {k} of {len(self._images)}")
             detector.reset()  # each has its own light
             seen.append(detector.detect(image, GroundView(camera)))
         return seen
@@ -184,7 +183,7 @@ class _Calibration:
         leans: FloatArray | None = None,
     ) -> list[_Fitted]:
         """The fit, if there is one."""
-        self._tell("fits the camera to what it shows itself")
+        self._report("fits the camera to what it shows itself")
         try:
             return [self.fitted(seen, state, known, leans)]
         except NoFitError:
@@ -196,10 +195,10 @@ class _Calibration:
         fits: list[_Fitted] = []
         failed: NoFitError | None = None
         for seen in sorted(looks, key=lambda each: -sum(len(one.points) for one in each)):
-            self._tell("searches for cameras through which lines are parallel or at right angles")
+            self._report("searches for cameras through which lines are parallel or at right angles")
             starts = find_cameras(seen, self._model, self.size, self._search)[:_TRIED]
             for k, start in enumerate(starts, start=1):
-                self._tell(f"fits camera {k} of {len(starts)} that may be")
+                self._report(f"fits camera {k} of {len(starts)} that may be")
                 try:
                     fits.append(self.fitted(seen, start.state, {}, start.leans))
                 except NoFitError as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import progress_told, warn
+from touchline.cli.console import shown_progress, warn
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
 from touchline.cli.options import check_handedness, turn_in_rad
 from touchline.errors import InputError, NoFitError
@@ -111,8 +111,8 @@ def _with_lens(inputs: list[Path], field: FieldModel, model: str, from_points: b
     if from_points:
         raise InputError(f"--model {model} needs images: files of line points do not tell which lines are straight")
     paths, images = _images(inputs)
-    with progress_told("calibrate lines", counted(len(images), "image")) as tell:
-        found = calibrate_perspective_lines(images, field, model, tell)
+    with shown_progress("calibrate lines", counted(len(images), "image")) as report:
+        found = calibrate_perspective_lines(images, field, model, report)
     _warn_unused(paths, found.used)
     words = _lens_words(found, field)
     best = max(range(len(found.used)), key=lambda k: len(found.seen[k].points))

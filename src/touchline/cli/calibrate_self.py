@@ -236,7 +236,7 @@ def _perspective(seen: _Seen, look_again: Callable[[PerspectiveCamera], _Seen] |
         try:
             found = _fitted(look_again(found.camera))
         except NoFitError as error:
-            advice = f"looked through again, what was found told no camera; it is kept, and may be wrong: {error}"
+            advice = f"looked through again, what was found gave no camera; it is kept, and may be wrong: {error}"
             break
         ratios = (1.0 + shared[2:]) * (1.0 + found.shared[2:]) - 1.0
         shared, looks = np.concatenate((shared[:2] + found.shared[:2], ratios)), looks + 1

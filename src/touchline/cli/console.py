@@ -100,20 +100,20 @@ def steps_shown(title: str, total: int, compiles: bool = False) -> Iterator[Call
 
 
 @contextmanager
-def progress_told(name: str, begins: str) -> Iterator[Callable[[str], None]]:
-    """What is to be told how far something has come: a terminal shows it, else there is a line every ten seconds."""
+def shown_progress(name: str, begins: str) -> Iterator[Callable[[str], None]]:
+    """Shows how far something has come as it is reported: a terminal in one place, else a line every ten seconds."""
     terminal = errors_console()
     said_s = time.monotonic()
     with terminal.status(f"{name}: {begins}") as status:
 
-        def tell(progress: str) -> None:
+        def report(progress: str) -> None:
             nonlocal said_s
             status.update(f"{name}: {progress}")
             if not terminal.is_terminal and time.monotonic() - said_s > _LINE_EVERY_S:
                 said_s = time.monotonic()
                 terminal.print(f"{name}: {progress}")
 
-        yield tell
+        yield report
 
 
 def print_errors(errors: ErrorTable, tracked: Iterable[tuple[str, list[str]]] = ()) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import plain_table, progress_told, say, wide_output
+from touchline.cli.console import plain_table, say, shown_progress, wide_output
 from touchline.cli.options import DaskAddress, WorkerCount
 from touchline.errors import InputError
 from touchline.messages import counted
@@ -108,5 +108,5 @@ def _show(result: ExperimentResult, output: Path) -> None:
 
 def _run(chosen: Experiment, seeds: range, workers: Workers, kept: tuple[Path, str]) -> ExperimentResult:
     """Run one and show how far it has come."""
-    with progress_told(chosen.name, f"{len(seeds)} seeds") as tell:
-        return chosen.run(len(seeds), tell, workers, *kept, first_seed=seeds.start)
+    with shown_progress(chosen.name, f"{len(seeds)} seeds") as report:
+        return chosen.run(len(seeds), report, workers, *kept, first_seed=seeds.start)

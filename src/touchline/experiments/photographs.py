@@ -86,8 +86,8 @@ def photographs(seeds: int) -> ExperimentResult:
             missing.append(name)
         else:
             seen += [look_at(one) for one in read(folder)]
-    told = [one for one in seen if one.said == "refused" or not one.photograph.reference_m > KNOWN_M]
-    judged = [one.said for one in told if one.said]
+    known = [one for one in seen if one.said == "refused" or not one.photograph.reference_m > KNOWN_M]
+    judged = [one.said for one in known if one.said]
     notes = [_NOTE, *(f"{', '.join(missing)} not found; {DATA_VARIABLE} names the folder." for _ in missing[:1])]
     lines = [one for one in seen if len(one.photograph.lines)]
     found = sum(one.found for one in lines), sum(one.marked for one in lines)
