@@ -138,12 +138,12 @@ def unsure(learned: float) -> Filter:
     one = Filter(TRUTH, np.eye(3), UNKNOWN._replace(learned=learned, yaw_rate_rad_s=0.003, delay_s=0.05))
     deviations = np.array([0.05, 0.04, 0.02, 0.03, 0.03, 0.03, 0.003, 0.05, *DEVIATIONS])
     one._joint = covariance_of(rng, STATES, deviations)
-    one.scales, one.yaw_rate_rad_s, one.delay_s, one.errors = np.array([0.02, -0.01, 0.015]), 0.002, 0.08, 0.3 * ERRORS
+    one.mean[3:] = [0.02, -0.01, 0.015, 0.002, 0.08, *0.3 * ERRORS]
     return one
 
 
 def state_of(one: Filter) -> np.ndarray:
-    return np.array([*one.pose, *one.scales, one.yaw_rate_rad_s, one.delay_s, *one.errors])
+    return one.mean.copy()
 
 
 def test_the_prediction_is_that_of_a_dense_kalman_filter() -> None:

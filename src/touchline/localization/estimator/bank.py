@@ -93,7 +93,7 @@ class Jump(NamedTuple):
     of its line points the pose explains that they have alone, in logarithm of a likelihood ratio.
     """
 
-    step: FloatArray
+    step: FloatArray | tuple[float, float, float]
     distance2: float
     gain: float
 
@@ -113,7 +113,9 @@ class ShoveTest:
             return
         predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
         tried = [fitted(loose, predicted + step, SHAKEN) for step in (jump.step, np.zeros(3))]
-        near = [each for each in tried if each.fit is not None and could_be_shove(each.fit.state[:3] - predicted)]
+        near = [
+            each for each in tried if each.fit is not None and could_be_shove(as_pose(each.fit.state), one.filter.pose)
+        ]
         best = max(near, key=lambda each: each.log_evidence, default=None)
         if best is not None and best.log_evidence + odds > one.log_evidence:
             one.filter, one.fit, one.expected, one.shoved = loose, best.fit, best.expected, True
@@ -202,7 +204,8 @@ class Bank:
         for one in self.members:
             first = one.fit is None
             tried = [self._fitted(one.filter, image, start) for start in self._starts(one.filter, first)]
-            tried.sort(key=lambda each: -each.log_evidence)
+            if len(tried) > 1:
+                tried.sort(key=lambda each: -each.log_evidence)
             one.fit, one.expected, one.log_evidence = tried[0].fit, tried[0].expected, tried[0].log_evidence
             if not (first and self.trust.free_fit):
                 least = tried[0].log_evidence - self.trust.max_gain if first else -math.inf
@@ -298,9 +301,9 @@ class Bank:
         if not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
-        free = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
-        gain = float(np.add.reduce(seen.shares)) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
-        return Jump(free.pose - predicted if gain > 0.0 else step, distance2, gain)
+        pose, log_likelihood = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
+        gain = float(np.add.reduce(seen.shares)) / len(seen.shares) * log_likelihood - one.fit.log_likelihood
+        return Jump(pose - predicted if gain > 0.0 else step, distance2, gain)
 
     def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:
         """(3,) in the field frame, at a filter's heading."""
@@ -389,6 +392,8 @@ class Bank:
 def _elsewhere(one: Member, tried: Sequence[Member]) -> list[Member]:
     """Copies of a member at the other places (the likeliest first) to which its image fits, too."""
     found: list[Member] = []
+    if not tried:  # nearly always
+        return found
     poses = [as_pose(each.fit.state) for each in (one, *tried) if each.fit is not None]
     for k, each in enumerate(tried, 1):
         if not any(is_same(poses[k], pose) for pose in poses[:k]):
@@ -411,10 +416,10 @@ def _steps_along(covariance: FloatArray) -> list[FloatArray]:
     return [many * step for many in range(-count, count + 1) if many]
 
 
-def could_be_shove(jump: FloatArray) -> bool:
-    """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
-    x, y, turn = jump.tolist()
-    return math.hypot(x, y) < MAX_SHOVE_M and abs(wrap_angle(turn)) < MAX_SHOVE_RAD
+def could_be_shove(found: Pose, predicted: Pose) -> bool:
+    """Whether a robot may have been shoved from one to the other: points may slide farther along a lone line."""
+    turn = abs(wrap_angle(found.heading - predicted.heading))
+    return found.distance_to(predicted) < MAX_SHOVE_M and turn < MAX_SHOVE_RAD
 
 
 def is_same(one: Pose, other: Pose) -> bool:
