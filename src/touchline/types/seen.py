@@ -339,11 +339,12 @@ class Observation:
 
     def usable(self, max_range_m: float = math.inf) -> Observation:
         """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
-        given = self.points, self.lines, self.crossings, self.landmarks
-        points, lines, crossings, landmarks = (seen.usable(max_range_m) if len(seen) else seen for seen in given)
-        if points is given[0] and lines is given[1] and crossings is given[2] and landmarks is given[3]:
-            return self
-        return replace(self, points=points, lines=lines, crossings=crossings, landmarks=landmarks)
+        kept: dict[str, Any] = {}
+        given = ("points", self.points), ("lines", self.lines), ("crossings", self.crossings)
+        for name, seen in (*given, ("landmarks", self.landmarks)):
+            if len(seen) and (usable := seen.usable(max_range_m)) is not seen:
+                kept[name] = usable
+        return replace(self, **kept) if kept else self
 
     def __post_init__(self) -> None:
         for name, given in (("points", self.points), ("boundary", self.boundary)):

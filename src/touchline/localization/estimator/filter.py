@@ -192,7 +192,7 @@ class Filter:
 
     def innovation(self, fit: StateFit, per_image: FloatArray) -> tuple[tuple[float, float, float], float]:
         """How far the pose by the image alone lies from the prediction, and its squared Mahalanobis distance."""
-        return pose_innovation(self.mean, self._joint, self._measured, per_image, fit[:3])  # type: ignore[no-any-return]
+        return pose_innovation(self.mean, self._joint, self._measured, per_image, fit[:3])
 
     def correct(self, fit: StateFit, per_image: FloatArray) -> None:
         """Kalman update by a fit whose prior it was: information about all that it measures."""
