@@ -81,13 +81,13 @@ def _by_delay(times, table, span_ns, step, known):  # type: ignore[no-untyped-de
     return off, after
 
 
-def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
-    """The motion over some time at a velocity (3,), robot frame (m/s, m/s, rad/s), that no odometry tells."""
-    speed, turning = math.hypot(velocity[0], velocity[1]), abs(float(velocity[2]))
+def moving(velocity: tuple[float, float, float], seconds: float, late_s: float) -> Delayed:
+    """The motion over some time at a velocity, robot frame (m/s, m/s, rad/s), that no odometry tells."""
+    speed, turning = math.hypot(velocity[0], velocity[1]), abs(velocity[2])
     position = (CHANGE_RATIO * speed + UNKNOWN_SPEED_M_S / 2.0) * seconds
     turn = (CHANGE_RATIO * turning + UNKNOWN_TURN_RAD_S / 2.0) * seconds
     covariance = np.diag(np.square([position, position, turn]))
-    motion = Motion(Pose(*(seconds * velocity).tolist()), covariance, seconds)
+    motion = Motion(Pose(*(seconds * each for each in velocity)), covariance, seconds)
     return Delayed(motion, late_s, np.zeros(3), np.zeros(3))
 
 

@@ -31,6 +31,10 @@ LEARNING_S, LEARNED_Z = 4.0, 2.0  # after the first image, and by how many stand
 _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
 
 
+Velocity = tuple[float, float, float]
+"""Robot frame (m/s, m/s, rad/s)."""
+
+
 class Sighting(NamedTuple):
     """A pose (3,) by one image, field frame, and its covariance (3, 3); begun: whether it follows from none before;
     blurred: whether it shows a sector with little in it, which may have been taken for other lines: its error then is
@@ -72,12 +76,12 @@ class VisualMotion:
         self._errors: FloatArray = np.zeros(0)  # of the camera, where the chain of images began
 
     @property
-    def velocity(self) -> FloatArray:
-        """(3,) of late, robot frame (m/s, m/s, rad/s)."""
+    def velocity(self) -> Velocity:
+        """Of late."""
         heading = 0.0 if self.last is None else float(self.last.pose[2])
         x, y, turn = self._velocity.tolist()
         cosine, sine = math.cos(heading), math.sin(heading)
-        return np.array([cosine * x + sine * y, cosine * y - sine * x, turn])
+        return cosine * x + sine * y, cosine * y - sine * x, turn
 
     def update(self, stamp_ns: int, image: Image, camera: Camera, found: FloatArray, elsewhere: bool) -> Sighting:
         """Take an image. found (3,): pose at which the system has it, where the chain begins, or begins anew.
