@@ -265,27 +265,30 @@ class Bank:
         """Line points (N, 2) without the camera's errors that are known (robot frame, m)."""
         return placed_points(image.seen.positions_m, self.knowing.errors, image.response)
 
-    def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
-        """The prediction; without odometry others along the way that the robot may have gone; of a given pose, off by
-        some decimetres and degrees, starts all about it.
+    def _starts(self, one: Filter, first: bool) -> list[FloatArray | None]:
+        """The prediction (None); without odometry others along the way that the robot may have gone; of a given pose,
+        off by some decimetres and degrees, starts all about it.
         """
-        pose = one.pose.as_array()
         if not first:
-            return [pose, *(pose + step for step in (_steps_along(one.covariance) if self.guessed else ()))]
-        deviations = START_STEP * np.sqrt(np.diag(one.covariance))
+            steps = _steps_along(one.covariance) if self.guessed else ()
+            return [None, *(one.pose.as_array() + step for step in steps)]
+        pose, deviations = one.pose.as_array(), START_STEP * np.sqrt(np.diag(one.covariance))
         if deviations.max() > 1.0:
-            return [pose]
+            return [None]
         return [pose + deviations * step for step in itertools.product((0.0, -1.0, 1.0), repeat=3)]
 
-    def _fitted(self, one: Filter, image: Image, start: FloatArray, plan: Plan | None = None) -> Member:
-        """What a filter makes of an image, registered from a pose (3,); None: as widely as it is unsure.
+    def _fitted(self, one: Filter, image: Image, start: FloatArray | None, plan: Plan | None = None) -> Member:
+        """What a filter makes of an image, registered from a pose (3,); None: from its prediction. plan: None: as
+        widely as it is unsure.
 
         Where that explains too little, other attitudes of the camera are tried.
         """
         shift = self._shift_of(one, image)
         expected = one.prior(self.statistics.per_image, shift)
-        state = np.concatenate((start, one.errors))
-        state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
+        state = expected.mean
+        if start is not None:
+            state = np.concatenate((start, one.errors))
+            state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
         wide = self.statistics.plan_of(one) if plan is None else plan
         fit = fit_leaning(self.registration, image.seen, state, expected, wide, image.response)
         log_evidence = fit.log_likelihood - fit.contradiction

@@ -232,6 +232,7 @@ class ConstantOffsets:
 
     def __init__(self) -> None:
         self._late_s = self._clock_s = self._lag_s = self._ahead_s = 0.0
+        self._doubt: str | None = None  # None: not found yet
         self._clock_set = False  # whether images have come otherwise
         self._camera = USUAL_CAMERA  # probabilities that it is turned, and displaced, before what was seen since
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
@@ -275,7 +276,7 @@ class ConstantOffsets:
     def blind(self, velocity: Velocity) -> None:
         """The odometry is wrong: what was learned with it says nothing. velocity: by images."""
         self._forget(BLIND_LATE_S**2)
-        self._velocity = velocity
+        self._velocity, self._doubt = velocity, None
 
     def _forget(self, late2: float) -> None:
         """Begin anew, with this variance (s²) of a delay; that a clock was set is known all the same."""
@@ -391,6 +392,7 @@ class ConstantOffsets:
         since one was, as far as it is neither refuted nor corrected: at one speed the filter learns nothing of it.
         """
         self._clock_s, self._lag_s, self._ahead_s = abs(arrivals.off_s), lag_s, arrivals.ahead_s
+        self._doubt = None
         x, y, turn = odometry.slope(EXTRAPOLATION_S).tolist()
         self._newest = x, y, turn
         if arrivals.change_s:  # the pose has followed since
@@ -405,6 +407,11 @@ class ConstantOffsets:
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
+        if self._doubt is None:  # it is asked for several times an image
+            self._doubt = self._find_doubt()
+        return self._doubt
+
+    def _find_doubt(self) -> str:
         turn, late_s = self._turn, max(self._late, self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
@@ -435,6 +442,7 @@ class ConstantOffsets:
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
         shares = *self._camera, CLOCK_SET if self._clock_set else LATE_ROBOTS
         self._sets, self._turn, self._late = errors_of(self._state, self._joint, self._prior, shares)
+        self._doubt = None
 
 
 @njit(cache=True, error_model="numpy")

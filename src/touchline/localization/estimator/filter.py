@@ -58,23 +58,24 @@ class InitialUncertainty(NamedTuple):
 
 class Filter:
     """`mean` (N,): the pose, where the last image was taken; three relative errors of the odometry's scales; its drift
-    of heading (rad/s); how much later images are stamped than taken (s); errors (K,) of the camera.
+    of heading (rad/s); how much later images are stamped than taken (s); errors (K,) of the camera. `joint` (N, N):
+    their covariance; like `mean` a new one with every image.
     """
 
     def __init__(self, pose: Pose, covariance: FloatArray, initial: InitialUncertainty) -> None:
         """covariance (3, 3) of the pose, (m, m, rad), field frame."""
         count = ERRORS + len(initial.errors)
         self.pose, self.initial = pose, initial
-        self.mean: FloatArray = np.zeros(count)  # a new one with every image
+        self.mean: FloatArray = np.zeros(count)
         self.mean[:3] = pose
-        self._joint: FloatArray = np.zeros((count, count))
-        self._joint[:3, :3] = covariance
-        self._joint[_SCALES, _SCALES] = np.square(initial.scales)
-        self._joint[YAW_RATE, YAW_RATE] = initial.yaw_rate_rad_s**2
-        self._joint[DELAY, DELAY] = initial.delay_s**2
-        self._joint[ERRORS:, ERRORS:] = initial.errors
+        self.joint: FloatArray = np.zeros((count, count))
+        self.joint[:3, :3] = covariance
+        self.joint[_SCALES, _SCALES] = np.square(initial.scales)
+        self.joint[YAW_RATE, YAW_RATE] = initial.yaw_rate_rad_s**2
+        self.joint[DELAY, DELAY] = initial.delay_s**2
+        self.joint[ERRORS:, ERRORS:] = initial.errors
         drift = np.array([*3 * [0.0], *3 * [SCALE_DRIFT], YAW_RATE_DRIFT, DELAY_DRIFT_S, *initial.error_drift])
-        self._drift2 = np.where(np.diag(self._joint) > 0.0, drift, 0.0) ** 2
+        self._drift2 = np.where(np.diag(self.joint) > 0.0, drift, 0.0) ** 2
         self._learned = np.ones(count)
         self._learned[ERRORS:] = initial.learned
         self._measured = np.array([0, 1, 2, *range(ERRORS, count)])  # the states that a fit measures
@@ -93,34 +94,34 @@ class Filter:
     @property
     def covariance(self) -> FloatArray:
         """(3, 3) of the pose."""
-        return self._joint[:3, :3]
+        return self.joint[:3, :3]
 
     @property
     def error_covariance(self) -> FloatArray:
         """(K, K) of the camera's errors."""
-        return self._joint[ERRORS:, ERRORS:]
+        return self.joint[ERRORS:, ERRORS:]
 
     @property
     def error_crossed(self) -> FloatArray:
         """(3, K) of the pose with the camera's errors."""
-        return self._joint[:3, ERRORS:]
+        return self.joint[:3, ERRORS:]
 
     @property
     def odometry(self) -> OdometryScales:
         """What it has learned of the odometry."""
         ahead, aside, turn = self.mean[3:6].tolist()
-        deviations = [math.sqrt(variance) for variance in self._joint.diagonal()[3:6].tolist()]
+        deviations = [math.sqrt(variance) for variance in self.joint.diagonal()[3:6].tolist()]
         return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
 
     @property
     def delay_deviation_s(self) -> float:
         """Standard deviation of `delay_s`."""
-        return math.sqrt(self._joint[DELAY, DELAY])
+        return math.sqrt(self.joint[DELAY, DELAY])
 
     def placed(self, pose: Pose, covariance: FloatArray) -> Filter:
         """A filter that starts at another pose and keeps scales, delay and errors."""
         other = self._copy(pose)
-        other._joint[:3], other._joint[:, :3], other._joint[:3, :3] = 0.0, 0.0, covariance
+        other.joint[:3], other.joint[:, :3], other.joint[:3, :3] = 0.0, 0.0, covariance
         other._motion_noise = np.zeros((3, 3))
         return other
 
@@ -131,34 +132,34 @@ class Filter:
             raise InputError(f"{len(errors)} learned errors of a camera that has {len(prior)}")
         if len(errors) and (np.abs(errors) > MAX_RECALLED_Z * np.sqrt(np.diag(prior))).any():
             raise InputError("learned errors beyond what camera.yaml leaves open: of another camera")
-        self.mean[ERRORS:], self._joint[ERRORS:, ERRORS:] = errors, covariance
+        self.mean[ERRORS:], self.joint[ERRORS:, ERRORS:] = errors, covariance
 
     def mirrored(self) -> Filter:
         """The filter of the other end of a symmetric field."""
         other = self._copy(self.pose.mirrored())
-        turn = np.ones(len(self._joint))
+        turn = np.ones(len(self.joint))
         turn[:2] = -1.0
-        other._joint = self._joint * np.outer(turn, turn)
+        other.joint = self.joint * np.outer(turn, turn)
         return other
 
     def loosened(self, more: FloatArray) -> Filter:
         """A copy with a covariance (3, 3) added to that of its pose."""
         other = self._copy(self.pose)
-        other._joint[:3, :3] += more
+        other.joint[:3, :3] += more
         return other
 
     def take_delay(self, delay_s: float, deviation_s: float) -> None:
         """Take a delay that another measurement than the odometry has given."""
         self.mean[DELAY] = delay_s
-        self._joint[DELAY, :] = self._joint[:, DELAY] = 0.0
-        self._joint[DELAY, DELAY] = deviation_s**2
+        self.joint[DELAY, :] = self.joint[:, DELAY] = 0.0
+        self.joint[DELAY, DELAY] = deviation_s**2
         if self._drift2[DELAY]:
             self._drift2 = self._drift2.copy()  # that of others, too
             self._drift2[DELAY] = 0.0
 
     def _copy(self, pose: Pose) -> Filter:
         other = copy(self)
-        other.pose, other.mean, other._joint = pose, self.mean.copy(), self._joint.copy()
+        other.pose, other.mean, other.joint = pose, self.mean.copy(), self.joint.copy()
         other.mean[:3], other._motion_noise = pose, self._motion_noise.copy()
         return other
 
@@ -166,11 +167,11 @@ class Filter:
         """Move by the odometry over so many seconds. noise (3, 3): of the motion, robot frame before it; None: its
         own covariance.
         """
-        motion, joint = moved.motion, np.empty_like(self._joint)
+        motion, joint = moved.motion, np.empty_like(self.joint)
         noise = motion.covariance if noise is None else noise
-        known, spans = (self.mean, self._joint, self._drift2), (seconds, moved.late_s)
+        known, spans = (self.mean, self.joint, self._drift2), (seconds, moved.late_s)
         self.pose = Pose(*predict(known, motion.pose, moved.by_delay, noise, spans, self._motion_noise, joint))
-        self._joint = joint
+        self.joint = joint
 
     def ahead(self, moved: Delayed) -> Filter:
         """A copy after a motion."""
@@ -182,7 +183,7 @@ class Filter:
         """What it expects of an image's pose and errors. per_image (K, K): covariance of what the image's own errors
         differ by; stamp_shift (3,): standard deviation of how far its pose lies off, field frame.
         """
-        joint, size = self._joint, len(self._measured)
+        joint, size = self.joint, len(self._measured)
         if stamp_shift is not None:
             joint = joint.copy()
             joint[:3, :3] += np.outer(stamp_shift, stamp_shift)
@@ -192,7 +193,7 @@ class Filter:
 
     def innovation(self, fit: StateFit, per_image: FloatArray) -> tuple[tuple[float, float, float], float]:
         """How far the pose by the image alone lies from the prediction, and its squared Mahalanobis distance."""
-        return pose_innovation(self.mean, self._joint, self._measured, per_image, fit[:3])
+        return pose_innovation(self.mean, self.joint, self._measured, per_image, fit[:3])
 
     def correct(self, fit: StateFit, per_image: FloatArray) -> None:
         """Kalman update by a fit whose prior it was: information about all that it measures."""
@@ -201,7 +202,7 @@ class Filter:
 
     def distance2_to(self, evidence: PoseEvidence) -> float:
         """Squared Mahalanobis distance of the pose by another measurement from the prediction."""
-        return pose_innovation(self.mean, self._joint, _POSE, _NO_ERRORS, (self.mean[:3], *evidence[:2]))[1]
+        return pose_innovation(self.mean, self.joint, _POSE, _NO_ERRORS, (self.mean[:3], *evidence[:2]))[1]
 
     def correct_pose(self, evidence: PoseEvidence) -> None:
         """Kalman update by another measurement than an image."""
@@ -210,13 +211,13 @@ class Filter:
     def _correct(
         self, measured: IndexArray, per_image: FloatArray, seen: tuple[FloatArray, FloatArray, FloatArray]
     ) -> None:
-        out = np.empty_like(self.mean), np.empty_like(self._joint)
-        self.pose = Pose(*correct(self.mean, self._joint, measured, per_image, seen, self._learned, out))
-        self.mean, self._joint = out
+        out = np.empty_like(self.mean), np.empty_like(self.joint)
+        self.pose = Pose(*correct(self.mean, self.joint, measured, per_image, seen, self._learned, out))
+        self.mean, self.joint = out
 
     def motion_error(self, fit: StateFit, per_image: FloatArray) -> tuple[list[float], list[float]]:
         """Expected squared errors (x, y, heading) of the motion since the last image, by a fit before `correct`, and
         the variances that it was expected to have; field frame.
         """
-        squares = step_squares(self.mean, self._joint, self._measured, per_image, fit[:3], self._motion_noise)
+        squares = step_squares(self.mean, self.joint, self._measured, per_image, fit[:3], self._motion_noise)
         return squares, self._motion_noise.diagonal().tolist()
