@@ -13,6 +13,7 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import CameraErrors, camera_errors
 from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
+from touchline.localization.estimator.filter_kernels import ERRORS
 from touchline.motion.driven import Scales
 
 
@@ -60,7 +61,7 @@ def learned(mirror: CameraErrors, errors: list[float]) -> Filter:
     """A filter that has seen these errors, each known to a twentieth of what it was, and a pose that goes with them."""
     unknown = InitialUncertainty(Scales(0, 0, 0), mirror.prior, mirror.drift, mirror.learned)
     one = Filter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), unknown)
-    one.errors = np.array(errors)
+    one.mean[ERRORS:] = errors
     deviations = 0.05 * np.sqrt(np.diag(mirror.prior))
     one.error_covariance[:] = np.diag(deviations**2)
     one.error_crossed[0, 2] = 0.8 * 0.01 * deviations[2]

@@ -137,13 +137,13 @@ def unsure(learned: float) -> Filter:
     rng = np.random.default_rng(4)
     one = Filter(TRUTH, np.eye(3), UNKNOWN._replace(learned=learned, yaw_rate_rad_s=0.003, delay_s=0.05))
     deviations = np.array([0.05, 0.04, 0.02, 0.03, 0.03, 0.03, 0.003, 0.05, *DEVIATIONS])
-    one._joint = covariance_of(rng, STATES, deviations)
-    one.scales, one.yaw_rate_rad_s, one.delay_s, one.errors = np.array([0.02, -0.01, 0.015]), 0.002, 0.08, 0.3 * ERRORS
+    one.joint = covariance_of(rng, STATES, deviations)
+    one.mean[3:] = [0.02, -0.01, 0.015, 0.002, 0.08, *0.3 * ERRORS]
     return one
 
 
 def state_of(one: Filter) -> np.ndarray:
-    return np.array([*one.pose, *one.scales, one.yaw_rate_rad_s, one.delay_s, *one.errors])
+    return one.mean.copy()
 
 
 def test_the_prediction_is_that_of_a_dense_kalman_filter() -> None:
@@ -158,7 +158,7 @@ def test_the_prediction_is_that_of_a_dense_kalman_filter() -> None:
         step = np.array([cosine * x - sine * y, sine * x + cosine * y, turn + seconds * state[6]])
         return np.concatenate((state[:3] + step, state[3:]))
 
-    state, joint = state_of(one), one._joint.copy()
+    state, joint = state_of(one), one.joint.copy()
     by_state = np.array([(after(state + e) - after(state - e)) / 2e-6 for e in 1e-6 * np.eye(STATES)]).T
     turned = np.array(
         [[np.cos(state[2]), -np.sin(state[2]), 0.0], [np.sin(state[2]), np.cos(state[2]), 0.0], [0, 0, 1]]
@@ -170,7 +170,7 @@ def test_the_prediction_is_that_of_a_dense_kalman_filter() -> None:
     )
     one.predict(moved, seconds)
     np.testing.assert_allclose(state_of(one), after(state), atol=1e-9)
-    np.testing.assert_allclose(one._joint, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(one.joint, expected, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("learned", [1.0, 0.3, 0.0])
@@ -179,7 +179,7 @@ def test_the_correction_is_that_of_a_dense_kalman_filter(learned: float) -> None
     rng = np.random.default_rng(7)
     one, per_image = unsure(learned), np.diag([1e-5, 1e-5, 0.0, 0.0, 0.0])
     noise = covariance_of(rng, 8, np.array([0.02, 0.03, 0.01, 0.01, 0.02, 2.0, 1.0, 0.02]))
-    state, joint = state_of(one), one._joint.copy()
+    state, joint = state_of(one), one.joint.copy()
     fitted = state[MEASURED] + 0.02 * rng.standard_normal(8)
     gradient = 10.0 * rng.standard_normal(8)
     fit = StateFit(fitted, np.linalg.inv(noise), gradient, 1.0, 50.0, 1.0, 0.0, 0.0, 0.0)
@@ -192,13 +192,13 @@ def test_the_correction_is_that_of_a_dense_kalman_filter(learned: float) -> None
     left = np.eye(STATES) - gain @ by_state
     one.correct(fit, per_image)
     np.testing.assert_allclose(state_of(one), state + gain @ (shown - state[MEASURED]), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(one._joint, left @ joint @ left.T + gain @ spread @ gain.T, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(one.joint, left @ joint @ left.T + gain @ spread @ gain.T, rtol=1e-5, atol=1e-9)
 
 
 def test_what_is_expected_of_an_image_is_the_covariance_of_what_it_measures() -> None:
     one, per_image = unsure(1.0), np.diag([1e-5, 1e-5, 0.0, 0.0, 0.0])
     shift = np.array([0.01, -0.02, 0.003])
-    expected = one._joint[np.ix_(MEASURED, MEASURED)].copy()
+    expected = one.joint[np.ix_(MEASURED, MEASURED)].copy()
     expected[3:, 3:] += per_image
     expected[:3, :3] += np.outer(shift, shift)
     prior = one.prior(per_image, shift)

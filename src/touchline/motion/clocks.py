@@ -103,11 +103,17 @@ class SensorClocks:
 
     def believed(self, sensor: str, samples: Samples) -> Believed:
         """Those of a sensor's new samples that are believed. Rows behind the newest are its history's to judge."""
-        stamps_ns = samples.stamp_ns.tolist()
-        last_ns, is_first = max(stamps_ns), self.frame_ns is None and not self._newest_ns
+        last_ns, frame_ns = max(samples.stamp_ns.tolist()), self.frame_ns
+        if frame_ns is not None and last_ns <= frame_ns + _JUMP_NS:  # nearly always
+            newest_ns = self._newest_ns.get(sensor, last_ns)
+            if newest_ns <= frame_ns + _JUMP_NS:
+                self._newest_ns[sensor] = max(last_ns, newest_ns)
+                self._refused_in_a_row.pop(sensor, None)
+                return Believed(samples, False)
+        is_first = frame_ns is None and not self._newest_ns
         if self._is_near_others(last_ns) and not is_first and not self._is_ahead_of_frames(sensor):
             self._accept(sensor, last_ns)
-            return Believed(samples, clock_jumped=False)
+            return Believed(samples, False)
         return self._one_by_one(sensor, samples)
 
     def _is_ahead_of_frames(self, sensor: str) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray, Pose
+from touchline.matrices import copy_row
 from touchline.motion.history import MotionHistory
 from touchline.motion.odometry import (
     DRIFT_M,
@@ -50,22 +51,26 @@ def delayed(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -
     late_ns = round(late_s * NANOSECONDS)
     motion = history.between(start_ns - late_ns, end_ns - late_ns)
     span_ns = start_ns - late_ns, end_ns - late_ns
-    by_delay, after = _by_delay(*history.odometry.samples.arrays, span_ns, motion.pose, motion.missing_s == 0.0)
+    by_delay, after = np.zeros(3), np.empty(3)
+    _by_delay(*history.odometry.samples.arrays, span_ns, motion.pose, motion.missing_s == 0.0, by_delay, after)
     return Delayed(motion, late_s, by_delay, after)
 
 
 @njit(cache=True, error_model="numpy")
-def _by_delay(times, table, span_ns, step, known):  # type: ignore[no-untyped-def]
-    """`by_delay` and `after` of a `Delayed` from one stamp to another, by the arrays of the odometry's samples.
+def _by_delay(times, table, span_ns, step, known, off, after):  # type: ignore[no-untyped-def]
+    """Fill `by_delay` (zeros before) and `after` of a `Delayed` from one stamp to another, by the arrays of the
+    odometry's samples.
 
     step: the motion; known: whether the odometry covers all of it.
     """
-    (start_ns, end_ns), off = span_ns, np.zeros(3)
+    start_ns, end_ns = span_ns
     ahead_ns = _ahead_ns(times, end_ns)
-    before, after = _velocity(times, table, start_ns + ahead_ns), _velocity(times, table, end_ns + ahead_ns)
+    before = _velocity(times, table, start_ns + ahead_ns)
+    copy_row(_velocity(times, table, end_ns + ahead_ns), after)
     if not known or _longest_pause_ns(times, start_ns - _MEAN_NS, end_ns) > _MAX_PAUSE_NS:
-        return off, after
-    cosine, sine, off = math.cos(step[2]), math.sin(step[2]), _by_begin(step, before)
+        return
+    cosine, sine = math.cos(step[2]), math.sin(step[2])
+    copy_row(_by_begin(step, before), off)
     off[0] -= cosine * after[0] - sine * after[1]
     off[1] -= sine * after[0] + cosine * after[1]
     off[2] -= after[2]
@@ -78,16 +83,15 @@ def _by_delay(times, table, span_ns, step, known):  # type: ignore[no-untyped-de
         off[0] = off[1] = 0.0
     if off[2] ** 2 < _CLEARLY**2 * turn2:
         off[2] = 0.0
-    return off, after
 
 
-def moving(velocity: FloatArray, seconds: float, late_s: float) -> Delayed:
-    """The motion over some time at a velocity (3,), robot frame (m/s, m/s, rad/s), that no odometry tells."""
-    speed, turning = math.hypot(velocity[0], velocity[1]), abs(float(velocity[2]))
+def moving(velocity: tuple[float, float, float], seconds: float, late_s: float) -> Delayed:
+    """The motion over some time at a velocity, robot frame (m/s, m/s, rad/s), that no odometry tells."""
+    speed, turning = math.hypot(velocity[0], velocity[1]), abs(velocity[2])
     position = (CHANGE_RATIO * speed + UNKNOWN_SPEED_M_S / 2.0) * seconds
     turn = (CHANGE_RATIO * turning + UNKNOWN_TURN_RAD_S / 2.0) * seconds
     covariance = np.diag(np.square([position, position, turn]))
-    motion = Motion(Pose(*(seconds * velocity).tolist()), covariance, seconds)
+    motion = Motion(Pose(*(seconds * each for each in velocity)), covariance, seconds)
     return Delayed(motion, late_s, np.zeros(3), np.zeros(3))
 
 

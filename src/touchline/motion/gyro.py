@@ -49,7 +49,9 @@ class IntegratedGyro:
             duration_ns = 0 if last_ns is None else stamp_ns - last_ns
             rate_rad_s = s.scale * (reading - s.bias_rad_s)
             angle_rad += 0.5 * (last_rad_s + rate_rad_s) * duration_ns / NANOSECONDS
-            self.integral.append(stamp_ns, [angle_rad, rate_rad_s], duration_ns > GAP_S * NANOSECONDS)
+            if last_ns is not None and duration_ns > GAP_S * NANOSECONDS:
+                self.integral.note_gap(last_ns, stamp_ns)
+            known.append(stamp_ns, [angle_rad, rate_rad_s])
             last_ns, last_rad_s = stamp_ns, rate_rad_s
 
     def rate_rad_s(self, start_ns: int, end_ns: int) -> float | None:

@@ -113,11 +113,10 @@ class MotionHistory:
         if sensor is None or samples is None or len(samples) == 0:
             return
         self._motions.clear()
-        believed = self.clocks.believed(name, samples)
-        if believed.clock_jumped:
+        samples, clock_jumped = self.clocks.believed(name, samples)
+        if clock_jumped:
             sensor.clear()
-        if len(believed.samples):
-            sensor.add(believed.samples)
+        sensor.add(samples)
 
     def clear(self) -> None:
         """Forget all samples, as if none had come yet; counts stay."""

@@ -20,8 +20,12 @@ class IntegratedSensor:
     def append(self, stamp_ns: int, values: list[float], after_gap: bool) -> None:
         """Append the integral (columns,) at a stamp later than the newest; after_gap: unknown since that one."""
         if after_gap:
-            self._gaps_ns.append((self.samples.last_ns, stamp_ns))
+            self.note_gap(self.samples.last_ns, stamp_ns)
         self.samples.append(stamp_ns, values)
+
+    def note_gap(self, start_ns: int, end_ns: int) -> None:
+        """Nothing is known between two stamps."""
+        self._gaps_ns.append((start_ns, end_ns))
 
     def gaps_ns(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
         """Pieces between two stamps in which nothing is known of the sensor: first and last stamp of each."""

@@ -83,12 +83,13 @@ def step_to(start, end):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def moved(times, table, start_ns, end_ns, scales):  # type: ignore[no-untyped-def]
-    """`Odometry.between` by the arrays of its samples: the motion (3,), its covariance (3, 3), the time not covered.
+def moved(times, table, start_ns, end_ns, scales, covariance):  # type: ignore[no-untyped-def]
+    """`Odometry.between` by the arrays of its samples: the motion, the time not covered; its covariance (3, 3), of
+    which the diagonal is filled.
 
     scales (3,): relative errors of travel ahead, travel aside and turns.
     """
-    duration_s, covariance = float(end_ns - start_ns) / NANOSECONDS, np.zeros((3, 3))
+    duration_s = float(end_ns - start_ns) / NANOSECONDS
     if len(times) == 0:
         step, missing_s = np.zeros(3), duration_s
     else:
@@ -105,7 +106,7 @@ def moved(times, table, start_ns, end_ns, scales):  # type: ignore[no-untyped-de
     covariance[0, 0] = (scales[0] * step[0]) ** 2 + position
     covariance[1, 1] = (scales[1] * step[1]) ** 2 + position
     covariance[2, 2] = (scales[2] * turns_rad) ** 2 + heading + (UNKNOWN_TURN_RAD_S * missing_s) ** 2
-    return (step[0], step[1], step[2]), covariance, missing_s
+    return (step[0], step[1], step[2]), missing_s
 
 
 class Halt(NamedTuple):
@@ -149,7 +150,8 @@ class Odometry:
 
         Before the first sample and beyond the end of the extrapolation it stands still, for all that is known.
         """
-        step, covariance, missing_s = moved(*self.samples.arrays, start_ns, end_ns, self.settings.scales)
+        covariance: FloatArray = np.zeros((3, 3))
+        step, missing_s = moved(*self.samples.arrays, start_ns, end_ns, self.settings.scales, covariance)
         return Motion(Pose(*step), covariance, missing_s)
 
     def pose_at(self, stamp_ns: int) -> Pose:

@@ -10,6 +10,7 @@ from touchline.geometry import FloatArray, IntArray
 from touchline.types import MAX_VALUE, Samples
 
 NANOSECONDS = 1e9
+_FULL_TURN = 2.0 * math.pi
 EXTRAPOLATION_S = 0.1  # how long the last motion is believed to go on without samples: one image period
 
 
@@ -96,19 +97,18 @@ class SampleHistory:
         """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
         if samples is None:
             return
-        newest_ns = self._stamps_ns[-1] if self._stamps_ns else -math.inf
-        self._arrays = None
-        rows = samples.values[:, : self._columns].tolist()
-        for stamp_ns, row in zip(samples.stamp_ns.tolist(), rows, strict=True):
+        stamps_ns, rows = self._stamps_ns, self._rows
+        newest_ns, self._arrays = stamps_ns[-1] if stamps_ns else -math.inf, None
+        for stamp_ns, row in zip(samples.stamp_ns.tolist(), samples.values[:, : self._columns].tolist(), strict=True):
             if not (math.hypot(*row) < MAX_VALUE and stamp_ns > newest_ns):
                 self.dropped += 1
                 continue
             for column in self._angles:
-                last = self._rows[-1][column] if self._rows else 0.0
-                row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
+                last = rows[-1][column] if rows else 0.0
+                row[column] = last + math.remainder(row[column] - last, _FULL_TURN)
             newest_ns = stamp_ns
-            self._stamps_ns.append(stamp_ns)
-            self._rows.append(row)
+            stamps_ns.append(stamp_ns)
+            rows.append(row)
 
     def append(self, stamp_ns: int, row: list[float]) -> None:
         """Append one sample that is finite and later than the newest."""

@@ -25,6 +25,7 @@ SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
 _MIN_GREEN_TO_BLUE = (0.95, 0.8)  # of G against B of carpet: the second where a blue cast leaves none for the first
 _CELLS = 64  # of the chromaticity histogram per axis
 _MIN_EXCESS = 0.01  # of G over the mean of B and R, as a share of their sum: a blue cast leaves carpet little
+_SAMPLES, _NOISE_SAMPLES = 50_000, 20_000  # pixels are plenty for statistics: of all images together, of one
 
 
 class NoCarpetError(TouchlineError):
@@ -60,8 +61,15 @@ class ColourModel:
 
     def classify(self, image: ImageArray) -> ByteArray:
         """Class (H, W) of every pixel of an image (H, W, 3): OTHER, GREEN or WHITE."""
-        b, g, r = ((image[..., k] >> (8 - _BITS)).astype(np.int32) for k in range(3))
-        return self.table.ravel()[(b << (2 * _BITS)) + (g << _BITS) + r]
+        return look_up(self.table, image)
+
+
+def look_up(table: ByteArray, image: ImageArray) -> ByteArray:
+    """What a table (n, n, n) by equal parts of B, G, R, n a power of two, holds for each pixel of an image (…, 3)."""
+    entries = len(table)
+    steps = np.array([entries * entries, entries, 1], dtype=np.float32)  # products of floats are fast, and exact so far
+    coarse = (image >> (8 - entries.bit_length() + 1)).astype(np.float32)
+    return table.ravel().take((coarse @ steps).astype(np.intp))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +110,10 @@ def colour_model(carpet: Carpet, white: FloatArray | None = None) -> ColourModel
 
 
 def _pixels(images: Sequence[ImageArray], mask: BoolArray) -> FloatArray:
-    """Colours (N, 3) of every third pixel in the mask both ways: plenty for statistics."""
-    thin = mask[::3, ::3]
-    return np.concatenate([image[::3, ::3][thin] for image in images]).astype(np.float64)
+    """Colours (N, 3) of every third pixel in the mask both ways, and of fewer where several images are plenty."""
+    every = max(round(math.sqrt(mask.size * len(images) / _SAMPLES)), 3)
+    thin = mask[::every, ::every]
+    return np.concatenate([image[::every, ::every][thin] for image in images]).astype(np.float64)
 
 
 def chromaticity(colours: FloatArray) -> FloatArray:
@@ -183,8 +192,9 @@ def _box_blur(histogram: FloatArray) -> FloatArray:
 
 
 def pixel_noise(images: Sequence[ImageArray], mask: BoolArray) -> float:
-    """Standard deviation (grey levels) of G against its neighbours inside the mask, from second differences."""
-    spreads = [np.median(_differences(image[..., 1].astype(np.float64), mask, lag=1)) for image in images]
+    """Standard deviation (grey levels) of G against its neighbours inside the mask, from second differences in rows."""
+    rows = slice(None, None, max(round(np.count_nonzero(mask) / _NOISE_SAMPLES), 1))
+    spreads = [np.median(_differences(image[rows, :, 1].astype(np.float64), mask[rows], lag=1)) for image in images]
     return float(np.median(spreads)) / 0.6745
 
 

@@ -3,10 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from touchline.geometry import ByteArray, Float32Array, IndexArray
+from touchline.geometry import ByteArray, Float32Array, IndexArray, Int32Array
 from touchline.perception.colour import GREEN
 from touchline.perception.scan_lines import ScanLines
 from touchline.types import ImageArray
@@ -14,6 +13,7 @@ from touchline.types import ImageArray
 BODY = 3  # a fourth class of samples: the robot itself
 LEVEL = 3  # row of the values
 CACHE_LINE = 64  # bytes
+_NEXT = np.uint64(24)  # bits from a pixel to the next one
 CHUNK = 2048  # samples that are worked on together: few enough to stay in the first-level cache
 
 
@@ -21,18 +21,18 @@ class PathSamples(NamedTuple):
     """What an image shows at the N samples of ScanLines.
 
     values: (4, N), B, G, R and the level: the colours' signal, higher by 1 on paint than on carpet. classes: (N,).
-    pixels: (2, CHUNK), what the kernels work with: the upper two and the lower two pixels about some of the samples,
-    eight bytes of the image each.
+    pixels: (4, CHUNK), what the kernels work with: the pixels about some of the samples, left and right of the upper
+    row, then of the lower; four bytes of the image each.
     """
 
     values: Float32Array
     classes: ByteArray
-    pixels: npt.NDArray[np.uint64]
+    pixels: Int32Array
 
 
 def no_samples(count: int) -> PathSamples:
     """Room for `count` samples."""
-    return PathSamples(np.zeros((4, count), np.float32), np.zeros(count, np.uint8), np.zeros((2, CHUNK), np.uint64))
+    return PathSamples(np.zeros((4, count), np.float32), np.zeros(count, np.uint8), np.zeros((4, CHUNK), np.int32))
 
 
 def sample_paths(
@@ -56,23 +56,26 @@ def sample_paths(
 
 @njit(cache=True)
 def _fill(words, width, places, own, signal, table, samples):  # type: ignore[no-untyped-def]
-    """Fill the samples in loops that each do one simple thing, which the compiler makes SIMD instructions of."""
+    """Fill the samples in loops that each do one simple thing, which the compiler makes SIMD instructions of: of signed
+    integers, as only these have them to and from floats.
+    """
     values, classes, pixels = samples
     corners, shares = places
     cells, below = table.reshape(-1), np.uint64(width)  # unsigned: none can count from the end
     fetched = _fetched(words)
     for first in range(0, len(corners), CHUNK):
         last = min(first + CHUNK, len(corners))
-        upper, lower = pixels[0, : last - first], pixels[1, : last - first]
         for k in range(last - first):
             here = np.uint64(corners[first + k])
-            upper[k], lower[k] = words[here], words[here + below]
+            upper, lower = words[here], words[here + below]
+            pixels[0, k], pixels[1, k] = np.int32(upper), np.int32(upper >> _NEXT)
+            pixels[2, k], pixels[3, k] = np.int32(lower), np.int32(lower >> _NEXT)
         blue, green, red = values[0, first:last], values[1, first:last], values[2, first:last]
         colours = (blue, green, red, values[LEVEL, first:last])
-        _blend(upper, lower, (shares[0, first:last], shares[1, first:last]), signal, colours)
-        _cells(blue, green, red, upper)
+        _blend(pixels, (shares[0, first:last], shares[1, first:last]), signal, colours)
+        _cells(blue, green, red, pixels[0])
         for k in range(last - first):
-            classes[first + k] = cells[upper[k]]
+            classes[first + k] = cells[pixels[0, k]]
     for k in own:
         classes[k] = BODY
     greens = 0
@@ -91,7 +94,7 @@ def _fetched(words):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _blend(upper, lower, shares, signal, out):  # type: ignore[no-untyped-def]
+def _blend(pixels, shares, signal, out):  # type: ignore[no-untyped-def]
     """B, G, R, bilinear, and the level from the pixels about each sample; all (M,).
 
     shares: how far the sample is on its way to the next pixel, to the right and down.
@@ -101,26 +104,23 @@ def _blend(upper, lower, shares, signal, out):  # type: ignore[no-untyped-def]
     for k in range(len(level)):
         w11 = right[k] * down[k]
         w01, w10 = right[k] - w11, down[k] - w11
-        weights = one - right[k] - w10, w01, w10, w11
-        b, g = _channel(upper[k], lower[k], 0, weights), _channel(upper[k], lower[k], 8, weights)
-        r = _channel(upper[k], lower[k], 16, weights)
+        weights, about = (one - right[k] - w10, w01, w10, w11), (pixels[0, k], pixels[1, k], pixels[2, k], pixels[3, k])
+        b, g, r = _channel(about, 0, weights), _channel(about, 8, weights), _channel(about, 16, weights)
         blue[k], green[k], red[k] = b, g, r
         level[k] = by_blue * b + by_green * g + by_red * r
 
 
 @njit(cache=True, inline="always")
-def _channel(upper, lower, shift, weights):  # type: ignore[no-untyped-def]
-    """The weighted sum of the eight bits from `shift` on of four pixels of 24 bits each, two above two."""
-    here, beside, byte = np.uint64(shift), np.uint64(shift + 24), np.uint64(255)
-    w00, w01, w10, w11 = weights
-    above = w00 * np.float32(np.uint32(upper >> here & byte)) + w01 * np.float32(np.uint32(upper >> beside & byte))
-    under = above + w10 * np.float32(np.uint32(lower >> here & byte))
-    return under + w11 * np.float32(np.uint32(lower >> beside & byte))
+def _channel(about, shift, weights):  # type: ignore[no-untyped-def]
+    """The weighted sum of the eight bits from `shift` on of four pixels."""
+    (p00, p01, p10, p11), (w00, w01, w10, w11), low, byte = about, weights, np.int32(shift), np.int32(255)
+    above = w00 * np.float32(p00 >> low & byte) + w01 * np.float32(p01 >> low & byte)
+    return above + w10 * np.float32(p10 >> low & byte) + w11 * np.float32(p11 >> low & byte)
 
 
 @njit(cache=True)
 def _cells(blue, green, red, out):  # type: ignore[no-untyped-def]
     """Where the colours stand in a table of 64³ cells laid flat."""
-    two, six, twelve = np.uint32(2), np.uint32(6), np.uint32(12)
-    for k in range(len(out)):
-        out[k] = np.uint32(blue[k]) >> two << twelve | np.uint32(green[k]) >> two << six | np.uint32(red[k]) >> two
+    two, six, twelve = np.int32(2), np.int32(6), np.int32(12)
+    for k in range(len(blue)):
+        out[k] = np.int32(blue[k]) >> two << twelve | np.int32(green[k]) >> two << six | np.int32(red[k]) >> two

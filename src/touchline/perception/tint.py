@@ -34,17 +34,19 @@ class Tint:
         """Whether an image (H, W, 3) has another one. pixels (N, 2): v, u of those that see the ground; green (3,): of
         the learned carpet.
         """
-        usual = green / green.sum()
+        usual = (green / green.sum()).tolist()
         shares, least = np.empty(3), _GREENISH * (usual[1] - 1.0 / 3.0)
         if _carpet_shares(np.ascontiguousarray(image), pixels, least, shares) < _MIN_PIXELS:
             return False
-        change = [math.log(max(share, 1e-3) / max(own, 1e-6)) for share, own in zip(shares, usual, strict=True)]
+        change = [
+            math.log(max(share, 1e-3) / max(own, 1e-6)) for share, own in zip(shares.tolist(), usual, strict=True)
+        ]
         if self._warmth:
             warmth = 0.5 * (change[0] - change[2])
             change = [warmth, 0.0, -warmth]
         tint = [math.exp(min(max(each, -_MAX_TINT), _MAX_TINT)) for each in change]
-        changed = any(abs(math.log(new / old)) > _MIN_TINT for new, old in zip(tint, self.value, strict=True))
-        as_learned = all(abs(math.log(each)) < 0.5 * _MIN_TINT for each in tint) and self.value is not NO_TINT
+        changed = any(abs(math.log(new / old)) > _MIN_TINT for new, old in zip(tint, self.value.tolist(), strict=True))
+        as_learned = self.value is not NO_TINT and all(abs(math.log(each)) < 0.5 * _MIN_TINT for each in tint)
         if changed or as_learned:
             self.value = NO_TINT if as_learned else np.array(tint)
         return changed or as_learned

@@ -34,21 +34,19 @@ MAX_OBSERVED_POINTS = 10_000_000
 class _Seen:
     """What all things seen have in common: arrays with a row for each.
 
-    FIRST: the array that says how many there are. SHAPES: of each array behind its (N,). KINDS: which ones there are.
+    SHAPES: of each array behind its (N,). KINDS: which ones there are.
     """
 
     NAME: ClassVar[str]
-    FIRST: ClassVar[str] = "positions_m"
     SHAPES: ClassVar[Mapping[str, tuple[int, ...]]]
     KINDS: ClassVar[Mapping[str, Any]] = {}
 
     def __post_init__(self) -> None:
-        count = len(self)
-        wrong = []
+        count, wrong = (len(self),), []
         for name, rest in self.SHAPES.items():
             shape = getattr(self, name).shape
-            if shape != (count, *rest):
-                wrong.append(f"{name} {(count, *rest)}, got {shape}")
+            if shape != count + rest:
+                wrong.append(f"{name} {count + rest}, got {shape}")
         if wrong:
             raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
         unknown = set(getattr(self, "kinds", _ALL).tolist()).difference(self.KINDS) if self.KINDS else ()
@@ -57,7 +55,7 @@ class _Seen:
             raise ValueError(f"{self.NAME} are of the kinds {known}, not {', '.join(sorted(map(str, unknown)))}")
 
     def __len__(self) -> int:
-        return len(getattr(self, self.FIRST))
+        return len(self.positions_m)  # type: ignore[attr-defined]
 
     def rows(self, kept: BoolArray) -> Self:
         """The rows of a mask (N,) alone; itself if that is all."""
@@ -97,8 +95,8 @@ class LinePoints(_Seen):
     SHAPES: ClassVar = {"positions_m": (2,), "covariances_m2": (2, 2), "confidences": (), "pixels": (2,)}
 
     def __post_init__(self) -> None:
-        for name in self.SHAPES:
-            given = getattr(self, name)
+        arrays = self.positions_m, self.covariances_m2, self.confidences, self.pixels
+        for name, given in zip(self.SHAPES, arrays, strict=True):
             if not isinstance(given, np.ndarray):
                 try:
                     object.__setattr__(self, name, np.array(given, dtype=np.float64, ndmin=1))
@@ -208,8 +206,10 @@ class Lines(_Seen):
     pixels: FloatArray
 
     NAME = "lines"
-    FIRST = "ends_m"
     SHAPES: ClassVar = {"ends_m": (2, 2), "covariances_m2": (2, 2, 2), "confidences": (), "pixels": (2, 2)}
+
+    def __len__(self) -> int:
+        return len(self.ends_m)
 
     def usable(self, max_range_m: float = math.inf) -> Lines:
         """Those of which both ends are measurements, as `LinePoints.usable` says."""
@@ -339,16 +339,14 @@ class Observation:
 
     def usable(self, max_range_m: float = math.inf) -> Observation:
         """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
-        kept = {}
-        for name in ("points", "lines", "crossings", "landmarks"):
-            seen = getattr(self, name)
-            usable = seen.usable(max_range_m) if len(seen) else seen
-            if usable is not seen:
+        kept: dict[str, Any] = {}
+        given = ("points", self.points), ("lines", self.lines), ("crossings", self.crossings)
+        for name, seen in (*given, ("landmarks", self.landmarks)):
+            if len(seen) and (usable := seen.usable(max_range_m)) is not seen:
                 kept[name] = usable
         return replace(self, **kept) if kept else self
 
     def __post_init__(self) -> None:
-        for name in ("points", "boundary"):
-            given = getattr(self, name)
+        for name, given in (("points", self.points), ("boundary", self.boundary)):
             if not isinstance(given, LinePoints):
                 object.__setattr__(self, name, points_at(_positions(name, given)))

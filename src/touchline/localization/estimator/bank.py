@@ -93,7 +93,7 @@ class Jump(NamedTuple):
     of its line points the pose explains that they have alone, in logarithm of a likelihood ratio.
     """
 
-    step: FloatArray
+    step: FloatArray | tuple[float, float, float]
     distance2: float
     gain: float
 
@@ -113,7 +113,9 @@ class ShoveTest:
             return
         predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
         tried = [fitted(loose, predicted + step, SHAKEN) for step in (jump.step, np.zeros(3))]
-        near = [each for each in tried if each.fit is not None and could_be_shove(each.fit.state[:3] - predicted)]
+        near = [
+            each for each in tried if each.fit is not None and could_be_shove(as_pose(each.fit.state), one.filter.pose)
+        ]
         best = max(near, key=lambda each: each.log_evidence, default=None)
         if best is not None and best.log_evidence + odds > one.log_evidence:
             one.filter, one.fit, one.expected, one.shoved = loose, best.fit, best.expected, True
@@ -202,7 +204,8 @@ class Bank:
         for one in self.members:
             first = one.fit is None
             tried = [self._fitted(one.filter, image, start) for start in self._starts(one.filter, first)]
-            tried.sort(key=lambda each: -each.log_evidence)
+            if len(tried) > 1:
+                tried.sort(key=lambda each: -each.log_evidence)
             one.fit, one.expected, one.log_evidence = tried[0].fit, tried[0].expected, tried[0].log_evidence
             if not (first and self.trust.free_fit):
                 least = tried[0].log_evidence - self.trust.max_gain if first else -math.inf
@@ -262,27 +265,30 @@ class Bank:
         """Line points (N, 2) without the camera's errors that are known (robot frame, m)."""
         return placed_points(image.seen.positions_m, self.knowing.errors, image.response)
 
-    def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
-        """The prediction; without odometry others along the way that the robot may have gone; of a given pose, off by
-        some decimetres and degrees, starts all about it.
+    def _starts(self, one: Filter, first: bool) -> list[FloatArray | None]:
+        """The prediction (None); without odometry others along the way that the robot may have gone; of a given pose,
+        off by some decimetres and degrees, starts all about it.
         """
-        pose = one.pose.as_array()
         if not first:
-            return [pose, *(pose + step for step in (_steps_along(one.covariance) if self.guessed else ()))]
-        deviations = START_STEP * np.sqrt(np.diag(one.covariance))
+            steps = _steps_along(one.covariance) if self.guessed else ()
+            return [None, *(one.pose.as_array() + step for step in steps)]
+        pose, deviations = one.pose.as_array(), START_STEP * np.sqrt(np.diag(one.covariance))
         if deviations.max() > 1.0:
-            return [pose]
+            return [None]
         return [pose + deviations * step for step in itertools.product((0.0, -1.0, 1.0), repeat=3)]
 
-    def _fitted(self, one: Filter, image: Image, start: FloatArray, plan: Plan | None = None) -> Member:
-        """What a filter makes of an image, registered from a pose (3,); None: as widely as it is unsure.
+    def _fitted(self, one: Filter, image: Image, start: FloatArray | None, plan: Plan | None = None) -> Member:
+        """What a filter makes of an image, registered from a pose (3,); None: from its prediction. plan: None: as
+        widely as it is unsure.
 
         Where that explains too little, other attitudes of the camera are tried.
         """
         shift = self._shift_of(one, image)
         expected = one.prior(self.statistics.per_image, shift)
-        state = np.concatenate((start, one.errors))
-        state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
+        state = expected.mean
+        if start is not None:
+            state = np.concatenate((start, one.errors))
+            state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
         wide = self.statistics.plan_of(one) if plan is None else plan
         fit = fit_leaning(self.registration, image.seen, state, expected, wide, image.response)
         log_evidence = fit.log_likelihood - fit.contradiction
@@ -298,9 +304,9 @@ class Bank:
         if not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
-        free = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
-        gain = float(np.add.reduce(seen.shares)) / len(seen.shares) * free.log_likelihood - one.fit.log_likelihood
-        return Jump(free.pose - predicted if gain > 0.0 else step, distance2, gain)
+        pose, log_likelihood = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
+        gain = float(np.add.reduce(seen.shares)) / len(seen.shares) * log_likelihood - one.fit.log_likelihood
+        return Jump(pose - predicted if gain > 0.0 else step, distance2, gain)
 
     def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:
         """(3,) in the field frame, at a filter's heading."""
@@ -389,6 +395,8 @@ class Bank:
 def _elsewhere(one: Member, tried: Sequence[Member]) -> list[Member]:
     """Copies of a member at the other places (the likeliest first) to which its image fits, too."""
     found: list[Member] = []
+    if not tried:  # nearly always
+        return found
     poses = [as_pose(each.fit.state) for each in (one, *tried) if each.fit is not None]
     for k, each in enumerate(tried, 1):
         if not any(is_same(poses[k], pose) for pose in poses[:k]):
@@ -411,10 +419,10 @@ def _steps_along(covariance: FloatArray) -> list[FloatArray]:
     return [many * step for many in range(-count, count + 1) if many]
 
 
-def could_be_shove(jump: FloatArray) -> bool:
-    """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
-    x, y, turn = jump.tolist()
-    return math.hypot(x, y) < MAX_SHOVE_M and abs(wrap_angle(turn)) < MAX_SHOVE_RAD
+def could_be_shove(found: Pose, predicted: Pose) -> bool:
+    """Whether a robot may have been shoved from one to the other: points may slide farther along a lone line."""
+    turn = abs(wrap_angle(found.heading - predicted.heading))
+    return found.distance_to(predicted) < MAX_SHOVE_M and turn < MAX_SHOVE_RAD
 
 
 def is_same(one: Pose, other: Pose) -> bool:

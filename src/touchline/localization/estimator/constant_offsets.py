@@ -17,7 +17,7 @@ from numba import njit
 from touchline.geometry import FloatArray, IntArray, Pose, wrap_angle
 from touchline.localization.estimator.stamp_delay import Arrivals
 from touchline.localization.estimator.step_noise import StepNoise
-from touchline.localization.estimator.visual_motion import Sighting, difference
+from touchline.localization.estimator.visual_motion import Sighting, Velocity, difference
 from touchline.matrices import add_to, applied, copy_row, dot, inverse, plus, symmetrise, times
 from touchline.motion import MotionHistory
 from touchline.motion.odometry import odometry_pose, step_to
@@ -94,7 +94,7 @@ def followed(state, joint, step, noise, seconds, turn2):  # type: ignore[no-unty
 @njit(cache=True, error_model="numpy")
 def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # type: ignore[no-untyped-def]
     """Take (in place) a pose by an image: (3,) and its covariance (3, 3). way: times and table of the odometry's
-    samples. prior (4,): standard deviations, of those that have grown anew. Returns the velocity (3,) of `taken`; (4,)
+    samples. prior (4,): standard deviations, of those that have grown anew. Returns the velocity of `taken`; (4,)
     by how much the variances of the way, heading and turn have grown, and the probability of a turn that this makes, 0
     for none; negative if the image lies elsewhere, may_change is not set, and nothing was taken.
     """
@@ -119,13 +119,13 @@ def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # ty
     off2, weight = expected[2, 2], inverse(expected)
     if dot(off, applied(weight, off)) > JUMP:
         if not may_change:
-            return velocity, (-1.0, -1.0, -1.0, -1.0)
+            return (velocity[0], velocity[1], velocity[2]), (-1.0, -1.0, -1.0, -1.0)
         # a lone line: the pose slides along it, but does not turn
         alone = spread[0, 0] + spread[1, 1] > MAX_VARIANCE_M2
         way2, turn2 = 0.0 if alone else off[0] ** 2 + off[1] ** 2, off[2] ** 2
         unfelt = is_unfelt(off[2], off2, way2, felt.apart_rad, velocity[2] - felt.rate_rad_s)
         if alone and not (unfelt and turn2 > TURN**2):
-            return velocity, (0.0, 0.0, 0.0, 0.0)
+            return (velocity[0], velocity[1], velocity[2]), (0.0, 0.0, 0.0, 0.0)
         speed2 = velocity[0] ** 2 + velocity[1] ** 2
         late2 = min(way2 / speed2, MAX_LATE_S**2) if speed2 > MIN_SPEED_M_S**2 else 0.0
         aside2 = min(way2, MAX_ASIDE_M**2)
@@ -147,7 +147,7 @@ def corrected(state, joint, prior, seen, way, stamp_ns, felt, may_change):  # ty
         state[k] += step[k]
     add_to(joint, times(gain, crossed.T), -1.0)
     symmetrise(joint)
-    return velocity, (grown[0], grown[1], grown[2], grown[3])
+    return (velocity[0], velocity[1], velocity[2]), (grown[0], grown[1], grown[2], grown[3])
 
 
 @njit(cache=True, error_model="numpy")
@@ -232,6 +232,7 @@ class ConstantOffsets:
 
     def __init__(self) -> None:
         self._late_s = self._clock_s = self._lag_s = self._ahead_s = 0.0
+        self._doubt: str | None = None  # None: not found yet
         self._clock_set = False  # whether images have come otherwise
         self._camera = USUAL_CAMERA  # probabilities that it is turned, and displaced, before what was seen since
         self._prior: FloatArray = AT_FIRST.copy()  # standard deviations of the errors before what was seen since
@@ -247,8 +248,8 @@ class ConstantOffsets:
         self._stamp_ns: int | None = None
         self._waiting: list[Sighting] = []  # for the odometry until then
         self._given = start is not None
-        self._velocity: FloatArray = np.zeros(3)
-        self._newest: FloatArray = np.zeros(3)  # velocity
+        self._velocity: Velocity = (0.0, 0.0, 0.0)
+        self._newest: Velocity = (0.0, 0.0, 0.0)
         self._newest_ns = 0
         self._begin(np.zeros(3) if start is None else start.as_array(), covariance)
 
@@ -262,7 +263,9 @@ class ConstantOffsets:
         if self._stamp_ns is not None:
             self._state[LATE] -= late_s - self._late_s
         self._late_s = late_s
-        self._waiting.append(sighting._replace(stamp_ns=sighting.stamp_ns - round(late_s * NANOSECONDS)))
+        if late_s:
+            sighting = sighting._replace(stamp_ns=sighting.stamp_ns - round(late_s * NANOSECONDS))
+        self._waiting.append(sighting)
         odometry = history.odometry.samples
         comes = len(odometry) > 0 and odometry.last_ns != self._newest_ns
         self._newest_ns = odometry.last_ns if comes else self._newest_ns
@@ -270,10 +273,10 @@ class ConstantOffsets:
         while self._waiting and not (comes and self._waiting[0].stamp_ns + early_ns > odometry.last_ns + COVERED_NS):
             self._take(self._waiting.pop(0), history, steps)
 
-    def blind(self, velocity: FloatArray) -> None:
-        """The odometry is wrong: what was learned with it says nothing. velocity (3,): by images, robot frame."""
+    def blind(self, velocity: Velocity) -> None:
+        """The odometry is wrong: what was learned with it says nothing. velocity: by images."""
         self._forget(BLIND_LATE_S**2)
-        self._velocity = velocity
+        self._velocity, self._doubt = velocity, None
 
     def _forget(self, late2: float) -> None:
         """Begin anew, with this variance (s²) of a delay; that a clock was set is known all the same."""
@@ -299,15 +302,9 @@ class ConstantOffsets:
             motion, apart = history.between(*span_ns), history.gyro_apart_rad(*span_ns)
             turn2 = apart**2 + history.gyro.settings.variance(abs(motion.pose.heading), seconds)
             for each in (self._state, self._joint), *((one.state, one.joint) for one in others):
-                followed(*each, motion.pose.as_array(), steps.of(motion), seconds, turn2)
-        x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
+                followed(*each, motion.pose, steps.of(motion), seconds, turn2)
         known = self._given or seconds < MAX_GAP_S
-        elsewhere = sighting.begun and math.hypot(x, y) + abs(turn) > FAR
-        if elsewhere:  # or rather the camera has turned
-            turn2 = self._joint[2, 2] + self._joint[3, 3] + 2.0 * self._joint[2, 3] + sighting.covariance[2, 2]
-            change = float(history.odometry.samples.slope(EXTRAPOLATION_S)[2] - self._velocity[2])
-            turned = wrap_angle(turn - float(self._state[TURNED]))
-            elsewhere = not is_unfelt(turned, turn2, x * x + y * y, apart, change)
+        elsewhere = sighting.begun and self._lies_elsewhere(sighting, history, apart)
         if not known or (elsewhere and not self._given):
             self._found(sighting.pose, elsewhere=before_ns is not None)
             others = []
@@ -316,7 +313,7 @@ class ConstantOffsets:
         others = [one for one in others if sighting.stamp_ns - one.stamp_ns < 1e9 * KEPT_S and not sighting.learned]
         apart = apart if self._images >= FIRST_IMAGES else math.nan
         image = sighting.pose, sighting.covariance
-        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, Felt(apart, float(self._velocity[2])))
+        seen = (image, history.odometry.samples.arrays, sighting.stamp_ns, Felt(apart, self._velocity[2]))
         for one in others:
             self._velocity, more2 = corrected(one.state, one.joint, one.prior, *seen, False)
             if more2[0] >= 0.0:
@@ -328,6 +325,16 @@ class ConstantOffsets:
         self._images += 1
         self._first_blurred = sighting.blurred if self._images == 1 else self._first_blurred
         self._weigh()
+
+    def _lies_elsewhere(self, sighting: Sighting, history: MotionHistory, apart: float) -> bool:
+        """Whether an image has the robot far from where it was expected, and not because the camera has turned."""
+        x, y, turn = difference(sighting.pose, self._state[:3]).tolist()
+        if not math.hypot(x, y) + abs(turn) > FAR:
+            return False
+        turn2 = self._joint[2, 2] + self._joint[3, 3] + 2.0 * self._joint[2, 3] + sighting.covariance[2, 2]
+        change = float(history.odometry.samples.slope(EXTRAPOLATION_S)[2]) - self._velocity[2]
+        turned = wrap_angle(turn - float(self._state[TURNED]))
+        return not is_unfelt(turned, turn2, x * x + y * y, apart, change)
 
     def _correct(self, sighting: Sighting, seen: _Measured, walks: bool) -> None:
         """By an image; where one lies elsewhere that may be an outlier, or the first one of all that may be, what is
@@ -385,9 +392,11 @@ class ConstantOffsets:
         since one was, as far as it is neither refuted nor corrected: at one speed the filter learns nothing of it.
         """
         self._clock_s, self._lag_s, self._ahead_s = abs(arrivals.off_s), lag_s, arrivals.ahead_s
-        self._newest = odometry.slope(EXTRAPOLATION_S) if len(odometry) else np.zeros(3)
+        self._doubt = None
+        x, y, turn = odometry.slope(EXTRAPOLATION_S).tolist()
+        self._newest = x, y, turn
         if arrivals.change_s:  # the pose has followed since
-            x, y, turn = self._velocity.tolist()
+            x, y, turn = self._velocity
             cosine, sine = math.cos(self._state[2]), math.sin(self._state[2])
             along = np.array([cosine * x - sine * y, sine * x + cosine * y, turn, 0.0, 0.0, 0.0, 1.0])
             before2 = max(self._joint[LATE, LATE], 0.0)
@@ -398,6 +407,11 @@ class ConstantOffsets:
     @property
     def doubt(self) -> str:
         """Why a pose may not be tracked; empty where it may."""
+        if self._doubt is None:  # it is asked for several times an image
+            self._doubt = self._find_doubt()
+        return self._doubt
+
+    def _find_doubt(self) -> str:
         turn, late_s = self._turn, max(self._late, self._lag_s) + self._clock_s
         if turn > MAX_TURN:
             return f"images that are turned by {math.degrees(turn):.0f}° would explain the motion, too"
@@ -409,20 +423,18 @@ class ConstantOffsets:
 
     @property
     def _speed(self) -> float:
-        (x, y, _), (newest_x, newest_y, _) = self._velocity.tolist(), self._newest.tolist()
+        (x, y, _), (newest_x, newest_y, _) = self._velocity, self._newest
         return max(math.hypot(x, y), math.hypot(newest_x, newest_y))
 
     @property
     def bound(self) -> tuple[float, float]:
         """By how much position (m) and heading (rad) may be off by them."""
-        rate = max(abs(float(self._velocity[2])), abs(float(self._newest[2])))
+        rate = max(abs(self._velocity[2]), abs(self._newest[2]))
         speed = self._speed
         position_m, heading_rad = exceeded_moving(self._sets, speed, rate)
         position_m, heading_rad = max(position_m, self._lag_s * speed), max(heading_rad, self._lag_s * rate)
         changed = 0.5 * max(self._lag_s, self._ahead_s, self._clock_s) ** 2  # way by an acceleration of 1
-        position_m, heading_rad = (
-            size + changed * more for size, more in zip((position_m, heading_rad), ACCELERATION, strict=True)
-        )
+        position_m, heading_rad = position_m + changed * ACCELERATION[0], heading_rad + changed * ACCELERATION[1]
         return position_m + self._clock_s * speed, heading_rad + self._clock_s * rate
 
     def _weigh(self) -> None:
@@ -430,6 +442,7 @@ class ConstantOffsets:
         self._state[TURNED] = wrap_angle(float(self._state[TURNED]))
         shares = *self._camera, CLOCK_SET if self._clock_set else LATE_ROBOTS
         self._sets, self._turn, self._late = errors_of(self._state, self._joint, self._prior, shares)
+        self._doubt = None
 
 
 @njit(cache=True, error_model="numpy")

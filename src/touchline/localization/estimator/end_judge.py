@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose, as_pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.bank import ALLOWED, Bank, Member, could_be_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.field_end import FieldEnd, OwnHalf
@@ -25,19 +25,19 @@ CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 
 
 class Predicted(NamedTuple):
-    """pose (3,) before an image, and how wide that is (3, 3)."""
+    """The pose before an image, and how wide that is (3, 3)."""
 
-    pose: FloatArray
+    pose: Pose
     covariance: FloatArray
 
     @classmethod
     def of(cls, followed: Member, trusted: bool) -> Self:
         """As the filter of the pose that is followed has it. trusted: whether all sensors are."""
-        return cls(followed.filter.pose.as_array(), followed.filter.covariance + (AGREED if trusted else MISTRUSTED))
+        return cls(followed.filter.pose, followed.filter.covariance + (AGREED if trusted else MISTRUSTED))
 
     def allows(self, found: Pose) -> bool:
         """Whether a robot that was predicted there may stand here, shoved or known so widely, and not at the twin."""
-        if could_be_shove(found.as_array() - self.pose):
+        if could_be_shove(found, self.pose):
             return True
         here2, there2 = self.distances2(found)
         return here2 < ALLOWED and there2 - here2 > 2.0 * CLEARLY
@@ -47,7 +47,7 @@ class Predicted(NamedTuple):
         return self._distance2(found), self._distance2(found.mirrored())
 
     def _distance2(self, pose: Pose) -> float:
-        off = pose.minus(as_pose(self.pose))
+        off = pose.minus(self.pose)
         distance2 = float(off @ np.linalg.solve(self.covariance, off))
         return distance2 if math.isfinite(distance2) else math.inf
 

@@ -15,6 +15,7 @@ from numba import njit
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import CameraErrors
 from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.filter_kernels import ERRORS
 from touchline.matrices import applied, dot, inverse, log_determinant, plus, times
 
 MAX_LOG_ODDS = 30.0
@@ -34,27 +35,27 @@ class ExactCamera:
         """Pose and covariance (3, 3), (m, m, rad), field frame: the mean of both models."""
         if self._more is None or not one.initial.learned:
             return one.pose, one.covariance
-        (x, y, heading), covariance = mean_of_both(
-            one.covariance, one.error_crossed, one.error_covariance, one.errors, self._more, self._prior
-        )
+        covariance = np.empty((3, 3))
+        x, y, heading = mean_of_both(one.mean, one.joint, self._more, self._prior, covariance)
         return Pose(one.pose.x + x, one.pose.y + y, wrap_angle(one.pose.heading + heading)), covariance
 
 
 @njit(cache=True)
-def mean_of_both(pose, crossed, errors, mean, more, prior):  # type: ignore[no-untyped-def]
-    """Shift of a pose to the mean of both models, and its covariance (3, 3); arguments as of `as_exact`. prior:
-    logarithm of the determinants of both priors' information, one over the other.
+def mean_of_both(mean, joint, more, prior, covariance):  # type: ignore[no-untyped-def]
+    """Shift of a pose to the mean of both models; fills its covariance (3, 3). mean, joint: of a filter; more: as of
+    `as_exact`. prior: logarithm of the determinants of both priors' information, one over the other.
     """
     # copies, as blocks of a matrix lie apart and would be another type to compile for
-    shift, covariance, evidence = as_exact(pose.copy(), crossed.copy(), errors.copy(), mean, more)
-    if not math.isfinite(evidence):  # information too close to singular to be compared
-        return (0.0, 0.0, 0.0), pose.copy()
+    pose, crossed, errors = joint[:3, :3].copy(), joint[:3, ERRORS:].copy(), joint[ERRORS:, ERRORS:].copy()
+    shift, exact, evidence = as_exact(pose, crossed, errors, mean[ERRORS:], more)
     share = 1.0 / (1.0 + math.exp(-min(max(0.5 * prior + evidence, -MAX_LOG_ODDS), MAX_LOG_ODDS)))
+    comparable = math.isfinite(evidence)  # else information is too close to singular
     for a in range(3):
         for b in range(3):
             between = share * (1.0 - share) * (shift[a] * shift[b])
-            covariance[a, b] = pose[a, b] + share * (covariance[a, b] - pose[a, b]) + between
-    return (share * shift[0], share * shift[1], share * shift[2]), covariance
+            mixed = pose[a, b] + share * (exact[a, b] - pose[a, b]) + between
+            covariance[a, b] = mixed if comparable else pose[a, b]
+    return (share * shift[0], share * shift[1], share * shift[2]) if comparable else (0.0, 0.0, 0.0)
 
 
 @njit(cache=True)

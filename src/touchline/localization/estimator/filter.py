@@ -14,12 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, IndexArray, Pose
 from touchline.localization.estimator.filter_kernels import (
-    correction,
-    expected_information,
+    DELAY,
+    ERRORS,
+    YAW_RATE,
+    correct,
+    expect,
     pose_innovation,
-    predicted,
+    predict,
     step_squares,
 )
 from touchline.localization.estimator.measurement import PoseEvidence
@@ -31,11 +34,9 @@ from touchline.types import OdometryScales
 SCALE_DRIFT = 0.001  # change of the odometry's scales in the root of a second: another carpet, wheels that wear
 YAW_RATE_DRIFT = 0.0001  # of the odometry's drift of heading (rad/s) in the root of a second, as of a gyro's bias
 DELAY_DRIFT_S = 0.001  # change of the delay in the root of a second: other loads of the computer
-MIN_DELAY_S, MAX_DELAY_S = -0.1, 0.4  # that are looked for
 MAX_RECALLED_Z = 5.0  # standard deviations of its prior from which a recalled error is of another camera
 _POSE, _SCALES = np.arange(3), np.arange(3, 6)
 _NO_ERRORS = np.zeros((0, 0))
-_YAW_RATE, _DELAY, _ERRORS = 6, 7, 8  # the errors are all states from there on
 
 
 class InitialUncertainty(NamedTuple):
@@ -56,62 +57,71 @@ class InitialUncertainty(NamedTuple):
 
 
 class Filter:
-    """`pose`, where the last image was taken; `scales` (3,), relative errors of the odometry; `yaw_rate_rad_s`, its
-    drift of heading; `delay_s`: how much later images are stamped than taken; `errors` (K,) of the camera.
+    """`mean` (N,): the pose, where the last image was taken; three relative errors of the odometry's scales; its drift
+    of heading (rad/s); how much later images are stamped than taken (s); errors (K,) of the camera. `joint` (N, N):
+    their covariance; like `mean` a new one with every image.
     """
 
     def __init__(self, pose: Pose, covariance: FloatArray, initial: InitialUncertainty) -> None:
         """covariance (3, 3) of the pose, (m, m, rad), field frame."""
-        count = _ERRORS + len(initial.errors)
+        count = ERRORS + len(initial.errors)
         self.pose, self.initial = pose, initial
-        self.scales: FloatArray = np.zeros(3)
-        self.errors: FloatArray = np.zeros(count - _ERRORS)
-        self.yaw_rate_rad_s, self.delay_s = 0.0, 0.0
-        self._joint: FloatArray = np.zeros((count, count))
-        self._joint[:3, :3] = covariance
-        self._joint[_SCALES, _SCALES] = np.square(initial.scales)
-        self._joint[_YAW_RATE, _YAW_RATE] = initial.yaw_rate_rad_s**2
-        self._joint[_DELAY, _DELAY] = initial.delay_s**2
-        self._joint[_ERRORS:, _ERRORS:] = initial.errors
+        self.mean: FloatArray = np.zeros(count)
+        self.mean[:3] = pose
+        self.joint: FloatArray = np.zeros((count, count))
+        self.joint[:3, :3] = covariance
+        self.joint[_SCALES, _SCALES] = np.square(initial.scales)
+        self.joint[YAW_RATE, YAW_RATE] = initial.yaw_rate_rad_s**2
+        self.joint[DELAY, DELAY] = initial.delay_s**2
+        self.joint[ERRORS:, ERRORS:] = initial.errors
         drift = np.array([*3 * [0.0], *3 * [SCALE_DRIFT], YAW_RATE_DRIFT, DELAY_DRIFT_S, *initial.error_drift])
-        self._drift2 = np.where(np.diag(self._joint) > 0.0, drift, 0.0) ** 2
+        self._drift2 = np.where(np.diag(self.joint) > 0.0, drift, 0.0) ** 2
         self._learned = np.ones(count)
-        self._learned[_ERRORS:] = initial.learned
-        self._measured = np.array([0, 1, 2, *range(_ERRORS, count)])  # the states that a fit measures
+        self._learned[ERRORS:] = initial.learned
+        self._measured = np.array([0, 1, 2, *range(ERRORS, count)])  # the states that a fit measures
         self._motion_noise = np.zeros((3, 3))  # that the motion since the last image has added
-        self._mean: tuple[Pose, FloatArray, FloatArray] = pose, self.errors, np.zeros(0)  # made last, and of what
+
+    @property
+    def errors(self) -> FloatArray:
+        """(K,) of the camera."""
+        return self.mean[ERRORS:]
+
+    @property
+    def delay_s(self) -> float:
+        """How much later images are stamped than taken."""
+        return float(self.mean[DELAY])
 
     @property
     def covariance(self) -> FloatArray:
         """(3, 3) of the pose."""
-        return self._joint[:3, :3]
+        return self.joint[:3, :3]
 
     @property
     def error_covariance(self) -> FloatArray:
         """(K, K) of the camera's errors."""
-        return self._joint[_ERRORS:, _ERRORS:]
+        return self.joint[ERRORS:, ERRORS:]
 
     @property
     def error_crossed(self) -> FloatArray:
         """(3, K) of the pose with the camera's errors."""
-        return self._joint[:3, _ERRORS:]
+        return self.joint[:3, ERRORS:]
 
     @property
     def odometry(self) -> OdometryScales:
         """What it has learned of the odometry."""
-        ahead, aside, turn = self.scales.tolist()
-        deviations = [math.sqrt(variance) for variance in self._joint.diagonal()[3:6].tolist()]
+        ahead, aside, turn = self.mean[3:6].tolist()
+        deviations = [math.sqrt(variance) for variance in self.joint.diagonal()[3:6].tolist()]
         return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
 
     @property
     def delay_deviation_s(self) -> float:
         """Standard deviation of `delay_s`."""
-        return math.sqrt(self._joint[_DELAY, _DELAY])
+        return math.sqrt(self.joint[DELAY, DELAY])
 
     def placed(self, pose: Pose, covariance: FloatArray) -> Filter:
         """A filter that starts at another pose and keeps scales, delay and errors."""
         other = self._copy(pose)
-        other._joint[:3], other._joint[:, :3], other._joint[:3, :3] = 0.0, 0.0, covariance
+        other.joint[:3], other.joint[:, :3], other.joint[:3, :3] = 0.0, 0.0, covariance
         other._motion_noise = np.zeros((3, 3))
         return other
 
@@ -122,49 +132,46 @@ class Filter:
             raise InputError(f"{len(errors)} learned errors of a camera that has {len(prior)}")
         if len(errors) and (np.abs(errors) > MAX_RECALLED_Z * np.sqrt(np.diag(prior))).any():
             raise InputError("learned errors beyond what camera.yaml leaves open: of another camera")
-        self.errors, self._joint[_ERRORS:, _ERRORS:] = errors, covariance
+        self.mean[ERRORS:], self.joint[ERRORS:, ERRORS:] = errors, covariance
 
     def mirrored(self) -> Filter:
         """The filter of the other end of a symmetric field."""
         other = self._copy(self.pose.mirrored())
-        turn = np.ones(len(self._joint))
+        turn = np.ones(len(self.joint))
         turn[:2] = -1.0
-        other._joint = self._joint * np.outer(turn, turn)
+        other.joint = self.joint * np.outer(turn, turn)
         return other
 
     def loosened(self, more: FloatArray) -> Filter:
         """A copy with a covariance (3, 3) added to that of its pose."""
         other = self._copy(self.pose)
-        other._joint[:3, :3] += more
+        other.joint[:3, :3] += more
         return other
 
     def take_delay(self, delay_s: float, deviation_s: float) -> None:
         """Take a delay that another measurement than the odometry has given."""
-        self.delay_s = delay_s
-        self._joint[_DELAY, :] = self._joint[:, _DELAY] = 0.0
-        self._joint[_DELAY, _DELAY] = deviation_s**2
-        if self._drift2[_DELAY]:
+        self.mean[DELAY] = delay_s
+        self.joint[DELAY, :] = self.joint[:, DELAY] = 0.0
+        self.joint[DELAY, DELAY] = deviation_s**2
+        if self._drift2[DELAY]:
             self._drift2 = self._drift2.copy()  # that of others, too
-            self._drift2[_DELAY] = 0.0
+            self._drift2[DELAY] = 0.0
 
     def _copy(self, pose: Pose) -> Filter:
         other = copy(self)
-        other.pose, other._joint = pose, self._joint.copy()
+        other.pose, other.mean, other.joint = pose, self.mean.copy(), self.joint.copy()
+        other.mean[:3], other._motion_noise = pose, self._motion_noise.copy()
         return other
 
     def predict(self, moved: Delayed, seconds: float, noise: FloatArray | None = None) -> None:
         """Move by the odometry over so many seconds. noise (3, 3): of the motion, robot frame before it; None: its
         own covariance.
         """
-        noise = moved.motion.covariance if noise is None else noise
-        (x, y, heading), by_delay, added, self._joint = predicted(
-            self._joint, self.pose.as_array(), self.scales, moved.motion.pose.as_array(), moved.by_delay, noise,
-            seconds, self._drift2,
-        )  # fmt: skip
-        more_x, more_y, turn = ((self.delay_s - moved.late_s) * each for each in by_delay)
-        turn += seconds * self.yaw_rate_rad_s
-        self.pose = Pose(x + more_x, y + more_y, wrap_angle(wrap_angle(heading) + turn))
-        self._motion_noise = self._motion_noise + added
+        motion, joint = moved.motion, np.empty_like(self.joint)
+        noise = motion.covariance if noise is None else noise
+        known, spans = (self.mean, self.joint, self._drift2), (seconds, moved.late_s)
+        self.pose = Pose(*predict(known, motion.pose, moved.by_delay, noise, spans, self._motion_noise, joint))
+        self.joint = joint
 
     def ahead(self, moved: Delayed) -> Filter:
         """A copy after a motion."""
@@ -176,55 +183,41 @@ class Filter:
         """What it expects of an image's pose and errors. per_image (K, K): covariance of what the image's own errors
         differ by; stamp_shift (3,): standard deviation of how far its pose lies off, field frame.
         """
-        joint = self._joint
+        joint, size = self.joint, len(self._measured)
         if stamp_shift is not None:
             joint = joint.copy()
             joint[:3, :3] += np.outer(stamp_shift, stamp_shift)
-        return StatePrior(self._expected(), expected_information(joint, self._measured, per_image))
+        expected = StatePrior(np.empty(size), np.empty((size, size)))
+        expect(self.mean, joint, self._measured, per_image, *expected)
+        return expected
 
-    def innovation(self, fit: StateFit, per_image: FloatArray) -> tuple[FloatArray, float]:
-        """How far the pose by the image alone lies from the prediction (3,), and its squared Mahalanobis distance."""
-        off, distance2 = pose_innovation(self._joint, self._measured, per_image, *self._evidence(fit))
-        return off, distance2
+    def innovation(self, fit: StateFit, per_image: FloatArray) -> tuple[tuple[float, float, float], float]:
+        """How far the pose by the image alone lies from the prediction, and its squared Mahalanobis distance."""
+        return pose_innovation(self.mean, self.joint, self._measured, per_image, fit[:3])
 
     def correct(self, fit: StateFit, per_image: FloatArray) -> None:
         """Kalman update by a fit whose prior it was: information about all that it measures."""
-        self._apply(correction(self._joint, self._measured, per_image, *self._evidence(fit), self._learned))
+        self._correct(self._measured, per_image, fit[:3])
         self._motion_noise = np.zeros((3, 3))
-
-    def _apply(self, corrected: tuple[FloatArray, FloatArray]) -> None:
-        step, self._joint = corrected
-        x, y, heading = step[:3].tolist()
-        self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
-        self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS:]
-        self.yaw_rate_rad_s += float(step[_YAW_RATE])
-        self.delay_s = min(max(self.delay_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
 
     def distance2_to(self, evidence: PoseEvidence) -> float:
         """Squared Mahalanobis distance of the pose by another measurement from the prediction."""
-        return float(pose_innovation(self._joint, _POSE, _NO_ERRORS, *evidence[:2], np.zeros(3))[1])
+        return pose_innovation(self.mean, self.joint, _POSE, _NO_ERRORS, (self.mean[:3], *evidence[:2]))[1]
 
     def correct_pose(self, evidence: PoseEvidence) -> None:
         """Kalman update by another measurement than an image."""
-        self._apply(correction(self._joint, _POSE, _NO_ERRORS, *evidence[:2], np.zeros(3), self._learned))
+        self._correct(_POSE, _NO_ERRORS, (self.mean[:3], *evidence[:2]))
 
-    def motion_error(self, fit: StateFit, per_image: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Expected squared errors (3,) of the motion since the last image, by a fit before `correct`, and the variances
-        (3,) that it was expected to have; field frame.
+    def _correct(
+        self, measured: IndexArray, per_image: FloatArray, seen: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> None:
+        out = np.empty_like(self.mean), np.empty_like(self.joint)
+        self.pose = Pose(*correct(self.mean, self.joint, measured, per_image, seen, self._learned, out))
+        self.mean, self.joint = out
+
+    def motion_error(self, fit: StateFit, per_image: FloatArray) -> tuple[list[float], list[float]]:
+        """Expected squared errors (x, y, heading) of the motion since the last image, by a fit before `correct`, and
+        the variances that it was expected to have; field frame.
         """
-        squares = step_squares(self._joint, self._measured, per_image, *self._evidence(fit), self._motion_noise)
-        return squares, self._motion_noise.diagonal()
-
-    def _expected(self) -> FloatArray:
-        """Pose and errors (S,), read-only: made once for all that an image asks."""
-        pose, errors, mean = self._mean
-        if pose is not self.pose or errors is not self.errors or not len(mean):
-            mean = np.array([*self.pose, *self.errors.tolist()])
-            self._mean = self.pose, self.errors, mean
-        return mean
-
-    def _evidence(self, fit: StateFit) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Information, gradient and the residual from what is expected to a fit."""
-        residual = fit.state - self._expected()
-        residual[2] = wrap_angle(float(residual[2]))
-        return fit.information, fit.gradient, residual
+        squares = step_squares(self.mean, self.joint, self._measured, per_image, fit[:3], self._motion_noise)
+        return squares, self._motion_noise.diagonal().tolist()

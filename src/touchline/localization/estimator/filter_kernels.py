@@ -1,18 +1,21 @@
 """Numba loops of the filter: a dozen states, for which NumPy takes longer than their sums.
 
-Everywhere: joint (N, N), covariance of all states; measured (S,), those that a fit measures: x, y, heading and the
-camera's errors; per_image (S - 3, S - 3), covariance of what an image's own errors differ by from the camera's;
-information (S, S) and gradient (S,) of what an image shows, as of `StateFit`; residual (S,), from what was expected to
-where the fit ended.
+Everywhere: mean (N,) and joint (N, N), covariance, of all states; measured (S,), those that a fit measures: x, y,
+heading and the camera's errors; per_image (S - 3, S - 3), covariance of what an image's own errors differ by from the
+camera's; seen: state (S,), information (S, S) and gradient (S,) of what an image shows, as of `StateFit`. What is found
+is written to arrays that are given: to return one takes as long as all the sums.
 """
 
 import numpy as np
 from numba import njit
 
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
-from touchline.matrices import add_to, applied, dot, inverse, plus, symmetrise, times
+from touchline.matrices import add_to, applied, copy_row, dot, inverse, plus, symmetrise, times
 from touchline.motion.driven import linearise
+from touchline.motion.odometry import wrapped
 
+YAW_RATE, DELAY, ERRORS = 6, 7, 8  # states behind pose and scales; the errors are all from there on
+MIN_DELAY_S, MAX_DELAY_S = -0.1, 0.4  # that are looked for
 _EXACT = 1e-14  # variance of what is known exactly
 
 
@@ -29,32 +32,51 @@ def measured_covariance(joint, measured, per_image):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def predicted(joint, pose, scales, motion, by_delay, noise, seconds, drift):  # type: ignore[no-untyped-def]
-    """Pose (x, y, heading not wrapped), derivative (3,) of it by the delay, what a motion adds to its covariance
-    (3, 3), and the covariance (N, N) of all states after it.
-
-    pose, motion, by_delay (3,), noise (3, 3): as of `Filter.predict`; drift (N,): of every variance in a second.
-    """
-    by_scales, by_state, by_motion, grown = np.empty((6, 6)), np.zeros((8, 8)), np.empty((3, 3)), np.empty(len(drift))
-    x, y, heading = linearise(pose, scales, motion, by_scales, by_motion)
-    add_to(by_state, by_scales, 1.0)
-    by_state[6, 6] = by_state[7, 7] = 1.0
-    delayed = applied(by_motion, by_delay)
-    for a in range(3):
-        by_state[a, 7] = delayed[a]
-    by_state[2, 6] = seconds
-    added = times(times(by_motion, noise), by_motion.T)
-    for k in range(len(drift)):
-        grown[k] = seconds * drift[k]
-    return (x, y, heading), (delayed[0], delayed[1], delayed[2]), added, propagate(joint, by_state, added, grown)
+def residual_of(mean, measured, state):  # type: ignore[no-untyped-def]
+    """(S,) from what was expected to where a fit ended."""
+    residual = np.empty(len(measured))
+    for a in range(len(measured)):
+        residual[a] = state[a] - mean[measured[a]]
+    residual[2] = wrapped(residual[2])
+    return residual
 
 
 @njit(cache=True)
-def propagate(joint, by_state, noise, drift):  # type: ignore[no-untyped-def]
-    """Covariance (N, N) after a motion: by_state (M, M), derivative of the first M states after it by those before;
-    noise (3, 3): what the motion adds to that of the pose; drift (N,): to every variance.
+def predict(known, motion, by_delay, noise, spans, added, out):  # type: ignore[no-untyped-def]
+    """Move the mean, in place, and write its covariance then to out (N, N); the pose.
+
+    known: mean, joint, drift (N,) of every variance in a second. motion, by_delay (3,), noise (3, 3): as of
+    `Filter.predict`; spans: of it in seconds, and how late its ends are stamped (s). added (3, 3): to which is added
+    what the motion adds to the covariance of the pose.
     """
-    out, moved = joint.copy(), len(by_state)
+    (mean, joint, drift), (seconds, late_s) = known, spans
+    by_scales, by_state, by_motion, grown = np.empty((6, 6)), np.zeros((8, 8)), np.empty((3, 3)), np.empty(len(drift))
+    x, y, heading = linearise(mean, mean[3:], motion, by_scales, by_motion)
+    add_to(by_state, by_scales, 1.0)
+    by_state[YAW_RATE, YAW_RATE] = by_state[DELAY, DELAY] = 1.0
+    delayed = applied(by_motion, by_delay)
+    for a in range(3):
+        by_state[a, DELAY] = delayed[a]
+    by_state[2, YAW_RATE] = seconds
+    more = times(times(by_motion, noise), by_motion.T)
+    add_to(added, more, 1.0)
+    for k in range(len(drift)):
+        grown[k] = seconds * drift[k]
+    propagate(joint, by_state, more, grown, out)
+    later_s = mean[DELAY] - late_s
+    mean[0], mean[1] = x + later_s * delayed[0], y + later_s * delayed[1]
+    mean[2] = wrapped(wrapped(heading) + (later_s * delayed[2] + seconds * mean[YAW_RATE]))
+    return mean[0], mean[1], mean[2]
+
+
+@njit(cache=True)
+def propagate(joint, by_state, noise, drift, out):  # type: ignore[no-untyped-def]
+    """Covariance after a motion, to out (N, N): by_state (M, M), derivative of the first M states after it by those
+    before; noise (3, 3): what the motion adds to that of the pose; drift (N,): to every variance.
+    """
+    moved = len(by_state)
+    for k in range(len(joint)):
+        copy_row(joint[k], out[k])
     block = times(by_state, joint[:moved])
     inner = times(block[:, :moved], by_state.T)
     for a in range(moved):
@@ -65,22 +87,25 @@ def propagate(joint, by_state, noise, drift):  # type: ignore[no-untyped-def]
     for k in range(len(out)):
         out[k, k] += drift[k]
     add_to(out, noise, 1.0)
-    return out
 
 
 @njit(cache=True)
-def expected_information(joint, measured, per_image):  # type: ignore[no-untyped-def]
-    """Inverse covariance (S, S) of what an image will show."""
+def expect(mean, joint, measured, per_image, state, information):  # type: ignore[no-untyped-def]
+    """What an image will show, into state (S,), and the inverse covariance of that, into information (S, S)."""
     shown = measured_covariance(joint, measured, per_image)
     for a in range(len(measured)):
+        state[a] = mean[measured[a]]
         shown[a, a] += _EXACT
-    return inverse(shown)
+    found = inverse(shown)
+    for a in range(len(measured)):
+        copy_row(found[a], information[a])
 
 
 @njit(cache=True)
-def pose_innovation(joint, measured, per_image, information, gradient, residual):  # type: ignore[no-untyped-def]
-    """How far the pose by an image alone lies from the prediction (3,), and its squared Mahalanobis distance."""
-    shown = np.empty((3, 3))
+def pose_innovation(mean, joint, measured, per_image, seen):  # type: ignore[no-untyped-def]
+    """How far the pose by an image alone lies from the prediction, and its squared Mahalanobis distance."""
+    (state, information, gradient), shown = seen, np.empty((3, 3))
+    residual = residual_of(mean, measured, state)
     for a in range(3):
         for b in range(3):
             shown[a, b] = information[a, b] + ANYWHERE_INFORMATION[a, b]
@@ -90,12 +115,15 @@ def pose_innovation(joint, measured, per_image, information, gradient, residual)
     for a in range(3):
         off[a] += more[a]
     add_to(spread, times(times(by_state, measured_covariance(joint, measured, per_image)), by_state.T), 1.0)
-    return off, dot(off, applied(inverse(spread), off))
+    return (off[0], off[1], off[2]), dot(off, applied(inverse(spread), off))
 
 
 @njit(cache=True)
-def correction(joint, measured, per_image, information, gradient, residual, learned):  # type: ignore[no-untyped-def]
-    """Step (N,) of the states, and covariance (N, N) after it; learned (N,): share of its step that each takes."""
+def correct(mean, joint, measured, per_image, seen, learned, out):  # type: ignore[no-untyped-def]
+    """Mean and covariance by an image, into out: (N,) and (N, N); the pose. learned (N,): share of its step that each
+    state takes.
+    """
+    (state, information, gradient), (moved, after) = seen, out
     spread, crossed = measured_covariance(joint, measured, per_image), np.empty((len(joint), len(measured)))
     for a in range(len(measured)):
         for k in range(len(joint)):
@@ -110,13 +138,20 @@ def correction(joint, measured, per_image, information, gradient, residual, lear
             gain[k, a] *= learned[k]
     spent = times(times(gain, plus(times(damping, information), information, 1.0)), gain.T)
     shared = times(times(gain, information), crossed.T)
-    after = plus(plus(joint, spent, 1.0), shared, -1.0)
+    for k in range(len(joint)):
+        for i in range(len(joint)):
+            after[k, i] = joint[k, i] + spent[k, i] - shared[k, i]
     add_to(after, shared.T, -1.0)
     symmetrise(after)
-    pull = applied(information, residual)
+    pull = applied(information, residual_of(mean, measured, state))
     for a in range(len(pull)):
         pull[a] += gradient[a]
-    return applied(gain, pull), after
+    step = applied(gain, pull)
+    for k in range(len(mean)):
+        moved[k] = mean[k] + step[k]
+    moved[2] = wrapped(moved[2])
+    moved[DELAY] = min(max(moved[DELAY], MIN_DELAY_S), MAX_DELAY_S)
+    return moved[0], moved[1], moved[2]
 
 
 @njit(cache=True)
@@ -139,13 +174,13 @@ def degrees_of_freedom_and_lean(per_image, expected, information, strain):  # ty
 
 
 @njit(cache=True)
-def step_squares(joint, measured, per_image, information, gradient, residual, noise):  # type: ignore[no-untyped-def]
+def step_squares(mean, joint, measured, per_image, seen, noise):  # type: ignore[no-untyped-def]
     """Squared errors (3,) of the motion since the image before, and what is unknown of them, by what an image shows.
 
     noise (3, 3): what the motion has added to the covariance of the pose.
     """
-    spread = measured_covariance(joint, measured, per_image)
-    expected = inverse(spread)
+    (state, information, gradient), spread = seen, measured_covariance(joint, measured, per_image)
+    expected, residual = inverse(spread), residual_of(mean, measured, state)
     after, pull, squares = inverse(plus(expected, information, 1.0)), applied(information, residual), np.empty(3)
     for a in range(len(pull)):
         pull[a] += gradient[a]
@@ -157,4 +192,4 @@ def step_squares(joint, measured, per_image, information, gradient, residual, no
     grown = times(times(by_all.T, more), by_all)
     for a in range(3):
         squares[a] = noise[a, a] + grown[a, a]
-    return squares
+    return squares[0], squares[1], squares[2]

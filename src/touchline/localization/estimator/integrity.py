@@ -27,7 +27,7 @@ from touchline.localization.estimator.motion_relation import (
     MotionRelation,
 )
 from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
-from touchline.localization.estimator.visual_motion import Camera, Sighting, VisualMotion
+from touchline.localization.estimator.visual_motion import Camera, Sighting, Velocity, VisualMotion
 from touchline.localization.registration.attitudes import GOOD
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.line_share import on_lines
@@ -56,6 +56,7 @@ BESIDES = 0.4  # as how much what lies on no line counts once the field is known
 USUAL_SHARE, MAX_DEFICIT = 0.75, 3.0  # share below which deficits add up, and the sum that is too much
 MIN_ABOVE_CHANCE = 0.3  # share explained beyond what the same points at other bearings explain
 CAMERA, CAMERA_EVERY = "camera", 200  # the statistic that names a problem and distrusts nothing: the error is learned
+OF_IMAGES = "share", "chance", "carpet", "repetition"  # those that distrust images
 MAX_ERROR_Z = 3.3  # standard deviations of its prior by which a camera error is believable
 OUTSIDE_M = 0.3  # beyond the carpet no robot stands
 REPEATED_S = 0.4  # time over which the same points may be seen, to the bit, while the wheels turn
@@ -149,7 +150,7 @@ class Integrity:
         self.verdict = ALL_WELL
         self._seen_ns = 0  # of the newest image that the pose explains
         self._halt_m_s = self._halted_m = 0.0  # speed before the odometry halted, and the way since, unseen
-        self._velocity: FloatArray = np.zeros(3)  # of late, robot frame (m/s, m/s, rad/s)
+        self._velocity: Velocity = (0.0, 0.0, 0.0)  # of late
         self._camera_images = 0  # in a row in which the camera's errors were larger than camera.yaml states
         self._contradicted = False  # whether it was followed by a jump that led far, before the motion proved a pose
         self.statistics: dict[str, float] = {}
@@ -195,7 +196,7 @@ class Integrity:
     def is_consistent(self, min_share: float) -> bool:
         """Whether nothing contradicts the pose, which explains at least this share of what is seen."""
         newest = self._shares[-min(MIN_IMAGES, self._since_jump + 1) :]
-        late_m = abs(self.lag_s) * math.hypot(*self._velocity[:2].tolist()) if self.lag_s else 0.0
+        late_m = abs(self.lag_s) * math.hypot(*self._velocity[:2]) if self.lag_s else 0.0
         return self.verdict.images and sum(newest) >= min_share * len(newest) and late_m < MAX_LATE_M
 
     @property
@@ -249,14 +250,15 @@ class Integrity:
         use can be given, `unbounded` says why, and the pose is not tracked. covariance (3, 3): of the pose; history:
         since the last image that showed something, the odometry is not checked by anything.
         """
-        # by vision alone the motion's statistics tell of the odometry, which does not count
-        others = self.statistics if self.verdict.odometry else _but(self.statistics, *STATISTICS)
-        images = _but(self.statistics, CAMERA, *STATISTICS)
-        if max(images.values(), default=0.0) > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
-            name, value = max(images.items(), key=lambda each: each[1], default=("nothing", 0.0))
-            self.unbounded = f"no bound can be given: {name} is {100.0 * value:.0f} % of an alarm"
+        known, trusted = self.statistics.get, self.verdict.odometry
+        images, motion = [known(name, 0.0) for name in OF_IMAGES], [known(name, 0.0) for name in STATISTICS]
+        of_images, of_motion = max(images), max(motion)
+        if of_images > MAX_PROTECTED or not self.verdict.images or self._repeated_s:
+            name = OF_IMAGES[images.index(of_images)] if self.statistics else "nothing"
+            self.unbounded = f"no bound can be given: {name} is {100.0 * of_images:.0f} % of an alarm"
             return None
-        worst = max((0.0 if self.verdict.odometry else VISION_ALONE, *others.values()))
+        # by vision alone the motion's statistics tell of the odometry, which does not count
+        worst = max(of_motion if trusted else VISION_ALONE, of_images, known(CAMERA, 0.0))
         wider = PROTECTION_SIGMAS * (1.0 + EXCESS * max(worst - CONSISTENT, 0.0))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
         major2 = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
@@ -269,7 +271,7 @@ class Integrity:
         if position_m > (FIRST_ALERT_M if first else ALERT_M) or heading_rad > ALERT_RAD:
             self.unbounded = f"the pose may be off by {position_m:.1f} m, {math.degrees(heading_rad):.0f}°"
             return None
-        doubt = max(max(others.get(name, 0.0) for name in STATISTICS) - DOUBTED, 0.0)
+        doubt = max(of_motion - DOUBTED, 0.0) if trusted else 0.0
         halted_m = self._halted(stamp_ns, history)
         unseen_m += halted_m
         position_m += UNSEEN_RATIO * (1.0 + EXCESS * doubt) * unseen_m
@@ -367,12 +369,13 @@ class Integrity:
                 self._take_lag(pose, predicted)
         return self.verdict
 
-    def _velocity_since(self, last: Sighting, stamp_ns: int, history: MotionHistory) -> FloatArray:
-        """(3,) robot frame, since a sighting: two images of a sector are too noisy to tell it."""
+    def _velocity_since(self, last: Sighting, stamp_ns: int, history: MotionHistory) -> Velocity:
+        """Since a sighting: two images of a sector are too noisy to tell it."""
         seconds = 1e-9 * (stamp_ns - last.stamp_ns)
         if self.relation.all_round or not self.verdict.odometry or not seconds or not len(history.odometry.samples):
             return self.motion.velocity
-        return history.between(last.stamp_ns, stamp_ns).pose.as_array() / seconds
+        x, y, turn = history.between(last.stamp_ns, stamp_ns).pose
+        return x / seconds, y / seconds, turn / seconds
 
     def _confirm(self, jump: Jump, moves: bool, all_round: bool, best: Member) -> None:
         """A pose that was given holds where the image agrees; one that contradicts it by far is to be shown by turns,
@@ -423,7 +426,7 @@ class Integrity:
     def _take_lag(self, pose: Pose, predicted: Pose) -> None:
         """A pose that jumps along its own way: so it does when the camera's clock is set."""
         velocity = self._velocity[:2]
-        speed, step = float(np.hypot(*velocity)), predicted.inverse().compose(pose)
+        speed, step = math.hypot(*velocity), predicted.inverse().compose(pose)
         if speed < MIN_SPEED_M_S:
             return
         along = (step.x * velocity[0] + step.y * velocity[1]) / speed
@@ -531,7 +534,7 @@ class Integrity:
         if over and in_motion and not self.relation.all_round:  # a mirror's window is over within seconds
             self.relation.forget_fault()
         statistics = self.statistics = self._measured()
-        self._worst = max(_but(statistics, CAMERA).values())
+        self._worst = max([value for name, value in statistics.items() if name != CAMERA])
         if self._worst >= 1.0:
             self._raise(statistics)
         elif over:
@@ -539,7 +542,7 @@ class Integrity:
             self.relation.end_alarm()
 
     def _raise(self, statistics: dict[str, float]) -> None:
-        images = {name: statistics[name] for name in ("share", "chance", "carpet")}
+        images = {name: statistics[name] for name in OF_IMAGES[:-1]}
         if statistics["repetition"] >= 1.0:
             seconds = f"{self._repeated_s:.1f} s"
             reason = f"the image has not changed for {seconds} while the wheels turned"
@@ -576,8 +579,3 @@ def _unseen_rad(turn: float, apart: float) -> float:
 def _gyro_tolerance_rad(turn: float) -> float:
     """From which difference (rad) on the gyro contradicts a turn."""
     return GYRO_RAD + GYRO_RATIO * abs(turn)
-
-
-def _but(statistics: dict[str, float], *names: str) -> dict[str, float]:
-    """All of the statistics but these."""
-    return {name: value for name, value in statistics.items() if name not in names}

@@ -116,7 +116,7 @@ class Monitor:
         predicted = None
         if before is not None and estimate.stamp_ns - before.stamp_ns < 1e9 * MAX_LOST_S:
             predicted = before.pose.compose(history.between(before.stamp_ns, estimate.stamp_ns).pose)
-        elsewhere = predicted is None or not could_be_shove(pose.as_array() - predicted.as_array())
+        elsewhere = predicted is None or not could_be_shove(pose, predicted)
         jump = Jump(predicted, elsewhere)
         verdict, motion = self.integrity.verdict, self.integrity.relation.worst
         if elsewhere and not verdict.images and verdict.since_ns is None and motion < 1.0:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, as_pose
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.bank import ALLOWED, Bank, Image, Member, could_be_shove
 from touchline.localization.estimator.believed import Believed
 from touchline.localization.estimator.end_judge import MISTRUSTED, Predicted
@@ -212,12 +212,13 @@ class Safeguard:
 def _expected(held: Filter, seen: Filter, seconds: float) -> Predicted:
     """Where a pose that images show may be, by one that has been carried for so long."""
     may_be_off = MISTRUSTED * (1.0 + seconds / DOUBLED_S) ** 2
-    return Predicted(held.pose.as_array(), held.covariance + seen.covariance + may_be_off)
+    return Predicted(held.pose, held.covariance + seen.covariance + may_be_off)
 
 
 def jump_of(best: Member | None, predicted: Predicted | None, expected: bool) -> Jump:
     """From the pose that was predicted, if one was followed. expected: something has moved the robot unseen."""
-    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose.as_array() - predicted.pose)
+    elsewhere = best is None or predicted is None or not could_be_shove(best.filter.pose, predicted.pose)
     if predicted is None or (elsewhere and expected):
         return Jump(None, True)
-    return Jump(as_pose(predicted.pose), elsewhere, best is not None and predicted.allows(best.filter.pose))
+    keeps_end = best is not None and (not elsewhere or predicted.allows(best.filter.pose))
+    return Jump(predicted.pose, elsewhere, keeps_end)

@@ -58,7 +58,7 @@ class CameraErrorStatistics:
         """Covariance (3, 3) of every pose that no image lowers, in (m, m, rad)."""
         x, y, heading = self.errors.floor
         shifts = [misfit * error for misfit, error in zip(self.errors.misfit, one.errors.tolist(), strict=True)]
-        shift2, floor = 0.5 * sum(shift * shift for shift in shifts), np.zeros((3, 3))
+        shift2, floor = 0.5 * sum([shift * shift for shift in shifts]), np.zeros((3, 3))
         floor[0, 0], floor[1, 1], floor[2, 2] = x * x + shift2, y * y + shift2, heading * heading
         return floor
 

@@ -51,7 +51,7 @@ class StepNoise:
         """Learn from an image the noise of the motion before it, by the hypothesis that it is about to correct."""
         if not self.walks:
             return
-        (x2, y2, turn2), (x, y, turn) = (each.tolist() for each in one.motion_error(fit, per_image))
+        (x2, y2, turn2), (x, y, turn) = one.motion_error(fit, per_image)
         if turn == 0.0:
             return
         place, heading = self.factors

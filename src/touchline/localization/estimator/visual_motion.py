@@ -31,6 +31,10 @@ LEARNING_S, LEARNED_Z = 4.0, 2.0  # after the first image, and by how many stand
 _ANY = np.diag(1.0 / np.square([LOOSE_M, LOOSE_M, LOOSE_RAD]))  # inverse covariance of such a motion
 
 
+Velocity = tuple[float, float, float]
+"""Robot frame (m/s, m/s, rad/s)."""
+
+
 class Sighting(NamedTuple):
     """A pose (3,) by one image, field frame, and its covariance (3, 3); begun: whether it follows from none before;
     blurred: whether it shows a sector with little in it, which may have been taken for other lines: its error then is
@@ -72,12 +76,12 @@ class VisualMotion:
         self._errors: FloatArray = np.zeros(0)  # of the camera, where the chain of images began
 
     @property
-    def velocity(self) -> FloatArray:
-        """(3,) of late, robot frame (m/s, m/s, rad/s)."""
+    def velocity(self) -> Velocity:
+        """Of late."""
         heading = 0.0 if self.last is None else float(self.last.pose[2])
         x, y, turn = self._velocity.tolist()
         cosine, sine = math.cos(heading), math.sin(heading)
-        return np.array([cosine * x + sine * y, cosine * y - sine * x, turn])
+        return cosine * x + sine * y, cosine * y - sine * x, turn
 
     def update(self, stamp_ns: int, image: Image, camera: Camera, found: FloatArray, elsewhere: bool) -> Sighting:
         """Take an image. found (3,): pose at which the system has it, where the chain begins, or begins anew.
@@ -120,34 +124,34 @@ class VisualMotion:
     def _registered(
         self, stamp_ns: int, image: Image, camera: Camera, start: FloatArray, plan: Plan = UNSETTLED
     ) -> Sighting:
-        state = np.concatenate((start, camera.errors))
-        expected = StatePrior(state, _expected(camera.covariance))
+        state, size = np.concatenate((start, camera.errors)), 3 + len(camera.errors)
+        expected = StatePrior(state, np.zeros((size, size)))
+        _expect(camera.covariance, expected.information)
         joint = fit_leaning(self._registration, image.seen, state, expected, plan, image.response)
-        covariance = _covariance(joint.information, expected.information)
+        covariance: FloatArray = np.empty((3, 3))
+        _spread(joint.information, expected.information, covariance)
         covariance = _told_alone(covariance, joint.explained) if camera.all_round else SECTOR_RATIO * covariance
         blurred = not camera.all_round and widest_m(covariance) > BLURRED_M
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False, blurred)
 
 
 @njit(cache=True)
-def _expected(errors):  # type: ignore[no-untyped-def]
-    """Inverse covariance (S, S) of any motion, and of camera errors with a covariance (S - 3, S - 3)."""
-    known, information = inverse(plus(errors, np.eye(len(errors)), 1e-12)), np.zeros((len(errors) + 3, len(errors) + 3))
+def _expect(errors, information):  # type: ignore[no-untyped-def]
+    """Fill an inverse covariance (S, S), zeros before, of any motion and of camera errors (S - 3, S - 3)."""
+    known = inverse(plus(errors, np.eye(len(errors)), 1e-12))
     add_to(information, _ANY, 1.0)
     for a in range(len(errors)):
         for b in range(len(errors)):
             information[3 + a, 3 + b] = known[a, b]
-    return information
 
 
 @njit(cache=True)
-def _covariance(information, expected):  # type: ignore[no-untyped-def]
-    """(3, 3) of the pose by an image's information (S, S) and what was expected."""
-    spread, covariance = inverse(plus(information, expected, 1.0)), np.empty((3, 3))
+def _spread(information, expected, covariance):  # type: ignore[no-untyped-def]
+    """Fill the covariance (3, 3) of the pose by an image's information (S, S) and what was expected."""
+    spread = inverse(plus(information, expected, 1.0))
     for a in range(3):
         for b in range(3):
             covariance[a, b] = spread[a, b]
-    return covariance
 
 
 def _mixed(best: Sighting, fits: Sequence[Sighting]) -> Sighting:

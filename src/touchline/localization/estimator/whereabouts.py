@@ -165,7 +165,8 @@ class Posture:
         """Take the roll and pitch (N, 2), rad, since the last image; None: not measured, as if it stood."""
         lean = 0.0
         if attitude is not None and len(attitude):
-            lean = float(np.maximum.reduce(np.abs(attitude[:, :2]), axis=None))
+            leans = [abs(angle) for row in attitude[:, :2].tolist() for angle in row]
+            lean = math.nan if math.isnan(sum(leans)) else max(leans)
         self.fell = not self.lies and LYING_RAD < lean < math.pi
         if lean > (UPRIGHT_RAD if self.lies else LYING_RAD):
             self.lies, self._upright_since_ns = self.lies or self.fell, None

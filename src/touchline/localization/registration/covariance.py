@@ -174,8 +174,8 @@ def widest_m(covariance: FloatArray) -> float:
 
 def is_observed(covariance: FloatArray) -> bool:
     """Whether a covariance (3, 3), of x, y, heading in (m, m, rad), leaves a pose: not so along a lone line."""
-    position, heading = widest_m(covariance), covariance[2, 2]
-    return bool(position < MAX_DEVIATION_OF_POSITION_M and heading < MAX_DEVIATION_OF_HEADING_RAD**2)
+    heading = float(covariance[2, 2])
+    return heading < MAX_DEVIATION_OF_HEADING_RAD**2 and widest_m(covariance) < MAX_DEVIATION_OF_POSITION_M
 
 
 def is_one_line(positions_m: FloatArray) -> bool:

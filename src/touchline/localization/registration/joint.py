@@ -115,7 +115,9 @@ _D2, _VARIANCE, _KEPT, _APART = (COLUMNS + (MAX_STATES + k) * CHUNK for k in ran
 _L11, _ROOM = _D2, _APART + CHUNK
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
+@numba.njit(
+    cache=True, forceinline=True, error_model="numpy", fastmath={"contract"}
+)  # a product and its sum are one instruction
 def _see(row, lookup, room, pose, camera, plan, width2):  # type: ignore[no-untyped-def]
     """Fill `room` with a chunk of line points, in loops that become SIMD instructions."""
     terms, prepared = camera
@@ -147,7 +149,7 @@ def _see(row, lookup, room, pose, camera, plan, width2):  # type: ignore[no-unty
     fill_all(row, room, terms, prepared)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract"})
 def _add_points(seen, points, pose, camera, plan, width_m, rows, counts):  # type: ignore[no-untyped-def]
     """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: its `terms_at` the state, and what
     `prepare` has made of the points.
@@ -250,15 +252,16 @@ def _add_up(sums):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-untyped-def]
-    """The `StateFit` that a plan's steps come to from a start (S,)."""
-    states, state, counts = len(start), start.copy(), np.zeros(6)
-    of_points, of_features = prepare(seen.positions_m, start[3:], response), prepare(seen.raw_m, start[3:], response)
+def fit_state(seen, ground, prior, response, plan, state, matrix, gradient):  # type: ignore[no-untyped-def]
+    """Move a state (S,), in place, by a plan's steps, and find its information (S, S) and gradient (S,); the rest of
+    its `StateFit`.
+    """
+    states, counts, start = len(state), np.zeros(6), state[3:].copy()
+    of_points, of_features = prepare(seen.positions_m, start, response), prepare(seen.raw_m, start, response)
     count = seen.positions_m.shape[0] + 2 * seen.raw_m.shape[0]
-    sums = _Sums(np.empty((states, states)), np.empty(states), np.empty((states + 3, count)))
+    sums = _Sums(matrix, gradient, np.empty((states + 3, count)))
     points = points_of(seen.positions_m, seen.covariances_m2, ground.lines, np.zeros(_ROOM))
     chunks = chunks_of(seen.raw_m)
-    matrix, gradient = sums.information, sums.gradient
     for k in range(plan.widths_m.shape[0] + 1):
         last = k == plan.widths_m.shape[0]
         width_m = 0.0 if last else plan.widths_m[k]
@@ -279,7 +282,6 @@ def fit_state(seen, ground, start, prior, response, plan):  # type: ignore[no-un
     strain2 = (strain * applied(prior.information, strain)).sum()
     narrowed = log_determinant(prior.information + matrix) - log_determinant(prior.information)
     of = max(counts[_OF], 1e-9)
-    return StateFit(
-        state, matrix, gradient, counts[_EXPLAINED] / of, counts[_OF], counts[_SQUARES] / max(counts[_KEPT_SUM], 1e-9),
-        counts[_DISTANCE] / of, counts[_LOG_LIKELIHOOD], 0.5 * (strain2 + narrowed),
-    )  # fmt: skip
+    noise = counts[_SQUARES] / max(counts[_KEPT_SUM], 1e-9)
+    explained, likelihood = counts[_EXPLAINED] / of, counts[_LOG_LIKELIHOOD]
+    return explained, counts[_OF], noise, counts[_DISTANCE] / of, likelihood, 0.5 * (strain2 + narrowed)

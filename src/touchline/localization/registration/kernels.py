@@ -203,9 +203,13 @@ def register(points, covariances, table, start, plan):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True, error_model="numpy")
-def register_placed(points, covariances, errors, response, table, start, plan):  # type: ignore[no-untyped-def]
-    """`register` of points as they were seen by a camera with errors (K,)."""
-    return register(placed_points(points, errors, response), covariances, table, start, plan)
+def register_placed(points, covariances, errors, response, table, pose, plan):  # type: ignore[no-untyped-def]
+    """Move a pose (3,), in place, as `register` does by points as they were seen by a camera with errors (K,); their
+    log-likelihood there.
+    """
+    seen = points_of(placed_points(points, errors, response), covariances, table, np.empty(_ROOM))
+    _descend(seen, pose, plan)
+    return _judged(seen, pose, plan).log_likelihood
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -81,9 +81,12 @@ class Registration:
         """As `register`, for those who do not ask for the covariance."""
         return register(positions_m, covariances_m2, self.table, start, plan)
 
-    def fit_placed(self, seen: Seen, errors: FloatArray, response: Response, start: FloatArray) -> Fit:
-        """`fit` of what an image shows, by its line points without errors (K,) of the camera."""
-        return register_placed(seen.positions_m, seen.covariances_m2, errors, response, self.table, start, TRACKING)
+    def fit_placed(
+        self, seen: Seen, errors: FloatArray, response: Response, start: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Pose (3,) and log-likelihood as of `fit`, of an image's line points without errors (K,) of the camera."""
+        pose, places = start.copy(), (seen.positions_m, seen.covariances_m2)
+        return pose, register_placed(*places, errors, response, self.table, pose, TRACKING)
 
     def register_all(self, positions_m: FloatArray, covariances_m2: FloatArray, starts: FloatArray, plan: Plan) -> Fits:
         """What a plan's steps come to from each of starts (K, 3)."""
@@ -92,7 +95,9 @@ class Registration:
 
     def fit_state(self, seen: Seen, start: FloatArray, prior: StatePrior, plan: Plan, response: Response) -> StateFit:
         """Pose and camera errors, jointly, from a start (S,) and with what is known before."""
-        return fit_state(seen, self.ground, start, prior, response, plan)
+        size = len(start)  # arrays that are filled: to return one takes a loop longer than a hundred sums
+        arrays = start.copy(), np.empty((size, size)), np.empty(size)
+        return StateFit(*arrays, *fit_state(seen, self.ground, prior, response, plan, *arrays))
 
 
 def covariances_of(fits: Fits) -> FloatArray:

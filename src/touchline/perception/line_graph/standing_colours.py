@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from touchline.geometry import BoolArray, FloatArray
+from touchline.geometry import BoolArray, ByteArray, FloatArray
 from touchline.perception.colour import GREEN as IS_GREEN
-from touchline.perception.colour import ColourModel
+from touchline.perception.colour import ColourModel, look_up
 from touchline.perception.colour_ellipses import (
     COLOURED,
     FIXED,
@@ -49,28 +49,28 @@ def _ellipse_of(things: list[FloatArray], kind: int) -> Ellipse:
     return learned_ellipse(pixels, FIXED[kind], _PRIOR_PIXELS) if len(pixels) >= _MIN_PIXELS else FIXED[kind]
 
 
-def _coloured(white: FloatArray) -> BoolArray:
+def _coloured(white: FloatArray) -> ByteArray:
     """(32, 32, 32) whether a colour (B, G, R each shifted right by 3) beside this paint may be of COLOURED."""
     levels = 8.0 * np.arange(32) + 3.5
     colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    return (nearest_ellipse(tinted_chroma(colours, white), FIXED, _REACH) >= 0).reshape(32, 32, 32)
+    return (nearest_ellipse(tinted_chroma(colours, white), FIXED, _REACH) >= 0).astype(np.uint8).reshape(32, 32, 32)
 
 
 def _standing(
-    image: ImageArray, around: BoolArray, model: ColourModel, may_be: BoolArray
+    image: ImageArray, around: BoolArray, model: ColourModel, may_be: ByteArray
 ) -> list[tuple[int, FloatArray]]:
     """Class (index into COLOURED) and pixels (N, 3) Y, U, V, edges left out, of each coloured thing on the carpet."""
     smooth = np.asarray(cv2.blur(image, (3, 3)), dtype=np.uint8)
     green = (model.classify(smooth) == IS_GREEN) & around
+    coloured = look_up(may_be, smooth) & ~green
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(coloured, connectivity=4)
+    large = [label for label in range(1, len(boxes)) if boxes[label, cv2.CC_STAT_AREA] >= _MIN_PX]
+    if not large:
+        return []
     ground = cv2.morphologyEx(green.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((_LINE_PX, _LINE_PX), np.uint8)) > 0
-    b, g, r = cv2.split(smooth >> 3)
-    coloured = may_be[b, g, r] & ~green
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(coloured.astype(np.uint8), connectivity=4)
     found = []
-    for label in range(1, len(boxes)):
-        left, top, width, height, area = (int(value) for value in boxes[label])
-        if area < _MIN_PX:
-            continue
+    for label in large:
+        left, top, width, height, _ = (int(value) for value in boxes[label])
         thing = labels[top : top + height, left : left + width] == label
         standing = _as_wide_as_its_foot(thing, ground, left, top)
         inner = cv2.erode(np.pad(standing, 1).astype(np.uint8), np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
