@@ -283,7 +283,7 @@ def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
     return -1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
     """Height of a peak above the green on both sides, and whether one of them is a dark floor; 0 where there is no
     such green or no edge towards it.

@@ -115,7 +115,9 @@ _D2, _VARIANCE, _KEPT, _APART = (COLUMNS + (MAX_STATES + k) * CHUNK for k in ran
 _L11, _ROOM = _D2, _APART + CHUNK
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
+@numba.njit(
+    cache=True, forceinline=True, error_model="numpy", fastmath={"contract"}
+)  # a product and its sum are one instruction
 def _see(row, lookup, room, pose, camera, plan, width2):  # type: ignore[no-untyped-def]
     """Fill `room` with a chunk of line points, in loops that become SIMD instructions."""
     terms, prepared = camera
@@ -147,7 +149,7 @@ def _see(row, lookup, room, pose, camera, plan, width2):  # type: ignore[no-unty
     fill_all(row, room, terms, prepared)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract"})
 def _add_points(seen, points, pose, camera, plan, width_m, rows, counts):  # type: ignore[no-untyped-def]
     """Rows of the line points; counts (6,) or, on the way there, none (0,). camera: its `terms_at` the state, and what
     `prepare` has made of the points.

@@ -52,7 +52,7 @@ class Counted(NamedTuple):
     crude: bool
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def slot(cells, x, y):  # type: ignore[no-untyped-def]
     """Row of cell x, y in a table (K, 3) of x, y, number of points; K a power of two, empty rows without points."""
     mask = cells.shape[0] - 1
@@ -107,7 +107,7 @@ def _thinned(points, covariances, weights):  # type: ignore[no-untyped-def]
     return positions[:n], spreads[:n], counted[:n]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _strip(xs, ys, half_m):  # type: ignore[no-untyped-def]
     """How many of offsets (K,) lie on the fullest strip of half a width, its length (m), its direction's row."""
     best, direction = 0, 0
@@ -128,7 +128,7 @@ def _strip(xs, ys, half_m):  # type: ignore[no-untyped-def]
     return best, high - low, direction
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _neighbours(points, i, lists, reach_m):  # type: ignore[no-untyped-def]
     """Append the neighbours of point i to the lists; the new end."""
     first, after, found, end = lists
