@@ -9,7 +9,8 @@ what is about it. It stands at places that nobody measured, leaning each time by
 --paint: how far (m, one standard deviation) each painted line lies beside where the field's file has it; --edges: the
 file has the lines' outer edges. Seeds below 100 are for tuning. --model mujoco: the T1 of RoboCup's MuJoCo soccer
 server steps on the spot at each place (needs `pip install 'touchline[mujoco]'`); it leans as it does, and roll, pitch
-and height are compared with their means over the images that took part.
+and height are compared with their means over all moments at which an image may be taken; of the images that took part,
+each one's own are, too. "Middle" is the pitch of the ray through the image's middle.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from touchline.calibration.perspective_bundle import FOCAL, HEIGHT, NAMES, PITCH, ROLL
+from touchline.calibration.perspective_bundle import CENTER_V, FOCAL, HEIGHT, NAMES, PITCH, ROLL
 from touchline.calibration.perspective_lines import calibrate_perspective_lines
 from touchline.camera import PerspectiveCamera, PinholeCamera
 from touchline.errors import NoFitError
@@ -36,8 +37,10 @@ from touchline.simulation.scenario import open_scenario
 from touchline.types import ImageArray
 
 FIELDS = "indoor-9x6", "humanoid-kid-9x6", "hsl-s-9x6"
-SHOWN = {ROLL: (180.0 / math.pi, "°"), PITCH: (180.0 / math.pi, "°"), HEIGHT: (100.0, "cm"), FOCAL: (100.0, "%")}
-BARS = 0.2, 0.2, 1.0, 1.0  # °, °, cm, %
+SHOWN = *(NAMES[k] for k in (ROLL, PITCH, HEIGHT, FOCAL)), "middle"
+UNITS, SCALES = ("°", "°", "cm", "%", "°"), np.array([180.0 / math.pi, 180.0 / math.pi, 100.0, 100.0, 180.0 / math.pi])
+BARS = 0.2, 0.2, 1.0, 1.0, 0.2
+CYCLES = 50, 80  # of 20 ms, after which MuJoCo's robot takes an image
 AHEAD_M = 1.5  # what is looked at lies so far away at least
 
 
@@ -62,7 +65,7 @@ def drawn_camera(model: str, center: float, rng: np.random.Generator) -> Perspec
 def drawn_images(
     seed: int, model: str, count: int, lean_deg: float, center: float
 ) -> tuple[list[PerspectiveCamera], list[ImageArray], FieldModel]:
-    """A camera, as each image has it, what it sees and the field."""
+    """A camera, what it sees and the field."""
     rng = np.random.default_rng([seed, 41])
     changes = [f"field={FIELDS[seed % len(FIELDS)]}", "others.robots=4", f"camera.kind={model}"]
     simulation = Simulation(open_scenario("humanoid-walk", seed, 20.0, changes))
@@ -74,7 +77,7 @@ def drawn_images(
         roll, pitch = np.radians(lean_deg) * rng.standard_normal(2)
         state = simulation.state(2.0 * k)
         images.append(eye.render(simulation.world, state, pose, (float(roll), float(pitch)), 8.0, 2.4, rng))
-    return [camera] * count, images, simulation.field
+    return [camera], images, simulation.field
 
 
 def _place(field: FieldModel, rng: np.random.Generator) -> Pose:
@@ -86,7 +89,9 @@ def _place(field: FieldModel, rng: np.random.Generator) -> Pose:
 
 
 def mujoco_images(seed: int, count: int) -> tuple[list[PerspectiveCamera], list[ImageArray], FieldModel]:
-    """The same of the server's robot, on a field of the Humanoid Soccer League."""
+    """The same of the server's robot, on a field of the Humanoid Soccer League; its camera at each image, then at all
+    moments at which one may be taken.
+    """
     os.environ.setdefault("MUJOCO_GL", "egl")
     sys.path.insert(0, str(Path(__file__).parent / "mujoco"))
     from gait import Gait
@@ -97,16 +102,19 @@ def mujoco_images(seed: int, count: int) -> tuple[list[PerspectiveCamera], list[
     field, rng = open_field("hsl-s-9x6"), np.random.default_rng([seed, 41])
     hall, seen, images = Hall(field, rng), [], []
     still = {**dict.fromkeys((*OTHERS, *LEGS), 0.0), **POSTURE, HEAD[0]: 0.0, HEAD[1]: TILT_RAD}
-    for _ in range(count):
+    for k in range(count + 1):
         pose, gait = _place(field, rng), Gait()
         hall.place(pose.x, pose.y, pose.heading)
         percept = hall.step(Targets(still))
-        for _ in range(int(rng.integers(50, 80))):
+        for cycle in range(int(rng.integers(*CYCLES)) if k < count else CYCLES[1] - 1):
+            if k == count and cycle >= CYCLES[0]:
+                seen.append(hall.eye)
             lean = Pose3(percept.attitude, np.zeros(3)).roll_pitch_yaw()[:2]
             legs = gait.step(0.02, np.zeros(3), np.array(lean), percept.gyro[:2]).ravel().tolist()
             percept = hall.step(Targets({**still, **dict(zip(LEGS, legs, strict=True))}))
-        images.append(hall.image())
         seen.append(hall.eye)
+        if k < count:
+            images.append(hall.image())
     hall.close()
     lens = FOCAL_PX, FOCAL_PX, 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1)
     return [PinholeCamera(WIDTH, HEIGHT, *lens, np.zeros(5), mount) for mount in seen], images, field
@@ -148,7 +156,7 @@ def main() -> None:
     parser.add_argument("--paint", type=float, default=0.0)
     parser.add_argument("--edges", action="store_true")
     given = parser.parse_args()
-    errors, sigmas = [], []
+    errors, sigmas, own = [], [], []
     for seed in range(given.first, given.first + given.cameras):
         if given.model == "mujoco":
             cameras, images, field = mujoco_images(seed, given.images)
@@ -160,23 +168,31 @@ def main() -> None:
         except NoFitError as error:
             print(f"{seed}: refused: {error}")
             continue
-        true = np.mean([state_of(cameras[k]) for k in found.used], axis=0)
-        scale = np.array([each for each, _ in SHOWN.values()])
-        scale[2] *= math.exp(true[HEIGHT])
-        errors.append((found.fit.state - true)[list(SHOWN)] * scale)
-        sigmas.append(found.deviations[list(SHOWN)] * scale)
-        parts = [
-            f"{e:+.2f} ± {s:.2f} {unit}" for e, s, (_, unit) in zip(errors[-1], sigmas[-1], SHOWN.values(), strict=True)
-        ]
-        print(f"{seed}: {', '.join(parts)}")
+        states = np.array([state_of(camera) for camera in cameras])
+        true = states[given.images if given.model == "mujoco" else 0 :].mean(axis=0)
+        rows = np.vstack((np.eye(len(SHOWN) - 1, len(true)), np.zeros(len(true))))
+        rows[-1, [PITCH, CENTER_V]] = 1.0, -1.0 / cameras[0].fy
+        scale = SCALES * [1.0, 1.0, math.exp(true[HEIGHT]), 1.0, 1.0]
+        errors.append(rows @ (found.fit.state - true) * scale)
+        sigmas.append(np.sqrt(np.diag(rows @ found.fit.covariance @ rows.T)) * scale)
+        parts = [f"{e:+.2f} ± {s:.2f} {unit}" for e, s, unit in zip(errors[-1], sigmas[-1], UNITS, strict=True)]
+        print(f"{seed}: {', '.join(parts)}", flush=True)
+        if given.model == "mujoco":
+            leans = np.array([stand.lean for stand in found.fit.stands])
+            own += list((found.fit.state[:3] + leans - states[list(found.used), :3]) * scale[:3])
     if not errors:
         return
     error, sigma = np.array(errors), np.array(sigmas)
-    for k, bar, each, unit in zip(SHOWN, BARS, range(len(SHOWN)), (u for _, u in SHOWN.values()), strict=True):
+    for each, (name, bar, unit) in enumerate(zip(SHOWN, BARS, UNITS, strict=True)):
         e, z2 = error[:, each], (error[:, each] / sigma[:, each]) ** 2
         print(
-            f"{NAMES[k]}: rms {np.sqrt(np.mean(e**2)):.2f} {unit}, largest {np.abs(e).max():.2f}, within {bar:g}: "
+            f"{name}: rms {np.sqrt(np.mean(e**2)):.2f} {unit}, largest {np.abs(e).max():.2f}, within {bar:g}: "
             f"{np.count_nonzero(np.abs(e) <= bar)} of {given.cameras}, NEES {z2.mean():.2f} (largest {z2.max():.1f})"
+        )
+    for name, bar, unit, e in zip(SHOWN, BARS, UNITS, np.transpose(own), strict=False):
+        print(
+            f"each image's own {name}: median {np.median(np.abs(e)):.2f} {unit}, largest {np.abs(e).max():.2f}, "
+            f"within {bar:g}: {np.count_nonzero(np.abs(e) <= bar)} of {len(e)}"
         )
 
 

@@ -70,18 +70,23 @@ class Hall:
         """What the camera sees (480, 640, 3), BGR."""
         if self._renderer is None:
             self._renderer = mujoco.Renderer(self._seen_model, HEIGHT, WIDTH)
-        self._seen.qpos[: self._model.nq] = self._data.qpos
-        mujoco.mj_forward(self._seen_model, self._seen)
+        self._follow()
         self._renderer.update_scene(self._seen, "eye")
         image = self._renderer.render()[..., ::-1] + NOISE * self._rng.standard_normal((HEIGHT, WIDTH, 3))
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
     @property
     def eye(self) -> Pose3:
-        """The camera of the last image, as `base_from_camera`: x ahead, y left, z up; in the hall's frame."""
+        """The camera now, as `base_from_camera`: x ahead, y left, z up; in the hall's frame."""
+        self._follow()
         seen = self._seen.camera("eye")
         optical = seen.xmat.reshape(3, 3)  # x right, y up, z back
         return Pose3(np.stack((-optical[:, 2], -optical[:, 0], optical[:, 1]), axis=1), seen.xpos.copy())
+
+    def _follow(self) -> None:
+        """The robot that is looked through is where that of the physics is."""
+        self._seen.qpos[: self._model.nq] = self._data.qpos
+        mujoco.mj_forward(self._seen_model, self._seen)
 
     def close(self) -> None:
         """Give the renderer back."""

@@ -1,10 +1,11 @@
 """Bundle adjustment of a perspective camera from line points in images taken at places that nobody measured.
 
 What all images share: focal length, principal point, a lens's distortion, roll, pitch and height, and how far each of
-the field's lines lies beside where the field's file has it. Each image has its pose, and a lean of its own. Residuals
-are the distances of line points from the nearest line, in units of what a pixel is on the ground there; robust steps
-begin wide and narrow (as in `registration`). How noisy points are, how much the body leans from image to image and how
-well the field is drawn is learned on the way.
+the field's lines lies beside where the field's file has it. Each image has its pose, and a lean and a height of its
+own: a body that steps bobs, and one height for all would bend the focal length. Residuals are the distances of line
+points from the nearest line, in units of what a pixel is on the ground there; robust steps begin wide and narrow (as in
+`registration`). How noisy points are, how much the body sways from image to image and how well the field is drawn is
+learned on the way.
 """
 
 import math
@@ -44,11 +45,11 @@ _DOUBT = 4.0  # an image whose points are off by more than others', squared, cou
 _DAMPING, _TRIALS = 1e-4, 4  # of Levenberg and Marquardt, at first; steps that are tried at one width
 _FAR_M = 0.05  # width below which noise, lean and paint are learned
 _STEP = 1e-5
-_OWN = 5
+_LEAN, _LEANS, _OWN = 3, 3, 6  # an image's own entries: where its lean begins, of how many it is, and all
 
 
 class Stand(NamedTuple):
-    """Where an image was taken, about, and by how much the body leant then: roll, pitch (2,)."""
+    """Where an image was taken, about, and how the body leant then: roll, pitch, logarithm of the height ratio (3,)."""
 
     pose: Pose
     lean: FloatArray
@@ -62,15 +63,16 @@ class PerspectiveView(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """Standard deviations that are learned: of images' own rolls, their pitches, points, lines beside the file's."""
+    """Standard deviations that are learned: of images' own rolls, pitches, heights, points, lines beside the file's."""
 
     roll_rad: float
     pitch_rad: float
+    height_ratio: float
     noise_px: float
     paint_m: float
 
 
-_AT_FIRST, _AT_LEAST = Learned(0.006, 0.006, 0.5, 0.01), Learned(0.001, 0.001, 0.1, 0.001)
+_AT_FIRST, _AT_LEAST = Learned(0.006, 0.006, 0.006, 0.5, 0.01), Learned(0.001, 0.001, 0.0005, 0.1, 0.001)
 
 
 class PerspectiveFit(NamedTuple):
@@ -89,10 +91,10 @@ class PerspectiveFit(NamedTuple):
 def camera_at(
     model: str, size: tuple[int, int], state: FloatArray, lean: FloatArray | None = None
 ) -> PerspectiveCamera:
-    """The camera of a state (10,) for images of a size (width, height), its body leaning by roll and pitch (2,)."""
+    """The camera of a state (10,) for images of a size (width, height), its body leaning as of `Stand` (3,)."""
     roll, pitch, height, focal, bent, u, v, second, third, fourth = state.tolist()
-    own_roll, own_pitch = (0.0, 0.0) if lean is None else lean.tolist()
-    mount = Pose3.from_roll_pitch_yaw(roll + own_roll, pitch + own_pitch, 0.0, (0.0, 0.0, math.exp(height)))
+    own_roll, own_pitch, higher = (0.0, 0.0, 0.0) if lean is None else lean.tolist()
+    mount = Pose3.from_roll_pitch_yaw(roll + own_roll, pitch + own_pitch, 0.0, (0.0, 0.0, math.exp(height + higher)))
     f, (cx, cy) = math.exp(focal), 0.5 * (np.array(size) - 1.0) + (u, v)
     if model == "fisheye":
         return FisheyeCamera(*size, f, f, float(cx), float(cy), np.array([bent, second, third, fourth]), mount)
@@ -128,7 +130,7 @@ class _Linearised(NamedTuple):
 
 
 class _Bundle:
-    """mean (P,): the state that is expected. camera: the camera's entries. own (V, 5): each view's pose and lean. paint
+    """mean (P,): the state that is expected. camera: the camera's entries. own (V, 6): each view's pose and lean. paint
     (L + 1,): how far (m) a line lies to its normal's side, the last of all to their outer edges.
     """
 
@@ -146,7 +148,7 @@ class _Bundle:
         self.camera, self.paint = self.shared[:_CAMERA], self.shared[_CAMERA:]
         self.mean = np.zeros(self.own[-1, -1] + 1)
         self.mean[list(_START)] = start[list(_START)]
-        self.mean[self.own[:, :3]] = [one.stand.pose.as_array() for one in views]
+        self.mean[self.own[:, :_LEAN]] = [one.stand.pose.as_array() for one in views]
         self._known = np.full(len(self.mean), _ANYWHERE)
         self._known[list(_START)] = np.power(list(_START.values()), -2.0)
         self._known[[DISTORTION, *range(LENS, _CAMERA)]] = np.power(_DISTORTIONS[model], -2.0)
@@ -156,7 +158,7 @@ class _Bundle:
     def known(self, learned: Learned) -> FloatArray:
         """Information (P,) on the state's entries before anything is seen."""
         known = self._known.copy()
-        known[self.own[:, 3]], known[self.own[:, 4]] = learned.roll_rad**-2.0, learned.pitch_rad**-2.0
+        known[self.own[:, _LEAN:]] = np.power(learned[:_LEANS], -2.0)
         known[self.paint[:-1]] = learned.paint_m**-2.0
         return known
 
@@ -180,18 +182,17 @@ class _Bundle:
         if not len(squares):
             raise NoFitError("no line point lies on the ground")
         equations = NormalEquations(at.blocks)
-        found = Learned(
-            _spread(equations, self.own[:, 3], state, _AT_FIRST.roll_rad),
-            _spread(equations, self.own[:, 4], state, _AT_FIRST.pitch_rad),
+        found = [
+            *(_spread(equations, self.own[:, _LEAN + k], state, _AT_FIRST[k]) for k in range(_LEANS)),
             learned.noise_px * math.sqrt(float(np.median(squares)) / _MEDIAN),
             _spread(equations, self.paint[:-1], state),
-        )
+        ]
         return Learned(*np.maximum(found, _AT_LEAST).tolist())
 
     def ground(self, pixels: FloatArray, state: FloatArray) -> FloatArray:
-        """Ground points (N, 2) of pixels; state (15,): pose, lean, camera."""
-        camera = camera_at(self.model, self.size, state[_OWN:], state[3:_OWN])
-        return Pose(*state[:3].tolist()).transform(camera.ground_from_image(pixels))
+        """Ground points (N, 2) of pixels; state (16,): pose, lean, camera."""
+        camera = camera_at(self.model, self.size, state[_OWN:], state[_LEAN:_OWN])
+        return Pose(*state[:_LEAN].tolist()).transform(camera.ground_from_image(pixels))
 
     def look(self, state: FloatArray, learned: Learned, width_m: float) -> list[_Seen]:
         """All views' points at a state."""
@@ -231,12 +232,15 @@ class _Bundle:
         return blocks
 
     def _rows(self, one: _Seen, state: FloatArray) -> FloatArray:
-        """Derivatives (N, 15 + L + 1) of distances at a state as of `ground`, and by paint."""
+        """Derivatives (N, 16 + L + 1) of distances at a state as of `ground`, and by paint."""
         rows = np.empty((len(one.ground), len(state)))
-        for j in range(len(state)):
+        aside = one.ground - state[:2]
+        rows[:, :2], rows[:, 2] = one.normal, one.normal[:, 1] * aside[:, 0] - one.normal[:, 0] * aside[:, 1]
+        for j in range(_OWN, len(state)):
             moved = state.copy()
             moved[j] += _STEP
             rows[:, j] = np.nan_to_num(((self.ground(one.pixels, moved) - one.ground) * one.normal).sum(axis=1)) / _STEP
+        rows[:, _LEAN:_OWN] = rows[:, [_OWN + ROLL, _OWN + PITCH, _OWN + HEIGHT]]
         return np.hstack((rows, one.aside))
 
 
@@ -254,9 +258,9 @@ def fit_perspective(
     bundle = _Bundle(views, start, field, model, size)
     state, damping = bundle.mean.copy(), _DAMPING
     state[bundle.camera] = start
-    state[bundle.own[:, 3:]] = leans = np.array([one.stand.lean for one in views])
-    roll_rad, pitch_rad = np.maximum(np.sqrt(np.mean(leans**2, axis=0)), _AT_FIRST[:2]).tolist()
-    learned = _AT_FIRST._replace(roll_rad=roll_rad, pitch_rad=pitch_rad)
+    state[bundle.own[:, _LEAN:]] = leans = np.array([one.stand.lean for one in views])
+    swayed = np.maximum(np.sqrt(np.mean(leans**2, axis=0)), _AT_FIRST[:_LEANS]).tolist()
+    learned = Learned(*swayed, *_AT_FIRST[_LEANS:])
     for width_m in [width for width in _WIDTHS_M if not again or width <= _NEAR_M]:
         now = bundle.linearise(state, learned, width_m)
         next_learned = bundle.learn(state, learned, now) if width_m < _FAR_M else learned
@@ -272,7 +276,7 @@ def fit_perspective(
     return PerspectiveFit(
         state[bundle.camera],
         NormalEquations(last.blocks).covariance(bundle.camera),
-        [Stand(as_pose(own[:3]), own[3:]) for own in state[bundle.own]],
+        [Stand(as_pose(own[:_LEAN]), own[_LEAN:]) for own in state[bundle.own]],
         np.array([np.mean(one.off < 1.0) for one in last.seen]),
         float(np.mean(off / (1.0 + off))),
         learned,
@@ -280,10 +284,8 @@ def fit_perspective(
 
 
 def _spread(equations: NormalEquations, at: IndexArray, state: FloatArray, usual: float = 0.0) -> float:
-    """The standard deviation of entries that are drawn alike, which makes what they came to most probable. usual: as of
-    two entries more, since few may be alike by chance.
+    """The standard deviation of entries that are drawn alike, from what they came to. usual: as of two entries more,
+    since few may be alike by chance; the variance is then the mean of its posterior: few may be large by chance, too.
     """
     variances = state[at] ** 2 + np.diag(equations.covariance(at))
-    if usual:
-        variances = np.append(variances, [usual**2, usual**2])
-    return math.sqrt(float(variances.mean()))
+    return math.sqrt(float(variances.sum() + 2.0 * usual**2) / len(at))

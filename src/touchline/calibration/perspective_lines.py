@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.calibration.perspective_bundle import (
+    CENTER_V,
     DISTORTION,
     FOCAL,
     HEIGHT,
@@ -30,6 +31,7 @@ from touchline.camera import GroundView, PerspectiveCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.perspective import DEVIATIONS
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.messages import counted, listed
@@ -40,8 +42,10 @@ from touchline.types import ImageArray, Observation
 MIN_SIZE_PX = 64  # a few cells of the line graph each way
 MIN_POINTS, MIN_ON_LINES = 20, 0.85  # of an image that takes part; share of the points that must lie on lines
 RIGHT = 0.9  # share of an image's points on lines from which its pose is kept
-# standard deviations of what is written: roll, pitch (rad), height, focal length (ratios)
+# standard deviations of what the images tell: roll, pitch (rad), height, focal length (ratios)
 MAX_DEVIATIONS = {ROLL: math.radians(0.5), PITCH: math.radians(0.7), HEIGHT: 0.04, FOCAL: 0.04}
+# of the mean lean of a body that sways (rad): half of what localization expects of roll and pitch in any file
+MAX_MEAN_LEAN = 0.5 * DEVIATIONS[0]
 _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per image width, distortion
 # of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
@@ -66,6 +70,23 @@ class PerspectiveLines:
     def deviations(self) -> FloatArray:
         """Of the state (10,)."""
         return np.sqrt(np.diag(self.fit.covariance))
+
+    @property
+    def mean_lean_deviations(self) -> FloatArray:
+        """What so few images leave open of a swaying body's means (3,): roll, pitch (rad), height (ratio)."""
+        return np.array(self.fit.learned[:3]) / math.sqrt(len(self.used))
+
+    @property
+    def image_deviations(self) -> FloatArray:
+        """What the images leave open (4,), without the sway: roll, pitch (rad), height, focal length (ratios). Pitch
+        is that of the image's middle: images taken under one tilt hardly tell the principal point, but pitch makes up
+        for it on the ground.
+        """
+        middle = np.eye(4, len(self.fit.state))
+        middle[PITCH, CENTER_V] = -1.0 / self.camera.fy
+        variances = np.einsum("ij,jk,ik->i", middle, self.fit.covariance, middle)
+        variances[:3] -= self.mean_lean_deviations**2
+        return np.sqrt(np.maximum(variances, 0.0))
 
 
 def calibrate_perspective_lines(
@@ -157,9 +178,9 @@ class _Calibration:
         known: Mapping[int, Stand],
         leans: FloatArray | None = None,
     ) -> _Fitted:
-        """The fit of what was seen from a state (10,); known: where images were taken; leans (V, 2): of all, else."""
+        """The fit of what was seen from a state (10,); known: where images were taken; leans (V, 3): of all, else."""
         views, noise_px = {}, _NOISE_PX if known else _START_NOISE_PX
-        leans = np.zeros((len(seen), 2)) if leans is None else leans
+        leans = np.zeros((len(seen), 3)) if leans is None else leans
         for k, (one, lean) in enumerate(zip(seen, leans, strict=True)):
             if len(one.points) >= MIN_POINTS and k in known:
                 views[k] = PerspectiveView(one.points.pixels, known[k])
@@ -217,8 +238,8 @@ class _Calibration:
 
 
 def _leans_of(known: Mapping[int, Stand], images: int) -> FloatArray:
-    """(V, 2) of all images, 0 where nothing is known."""
-    leans = np.zeros((images, 2))
+    """(V, 3) of all images, 0 where nothing is known."""
+    leans = np.zeros((images, 3))
     for k, stand in known.items():
         leans[k] = stand.lean
     return leans
@@ -251,20 +272,15 @@ def _check(found: PerspectiveLines, images: int) -> None:
             f"the field's lines would have to lie {100 * paint_m:.1f} cm beside where its file has them: "
             "measure its sizes, or add images from other places"
         )
-    open_ones = [k for k, limit in MAX_DEVIATIONS.items() if found.deviations[k] > limit]
-    leans_rad = {ROLL: found.fit.learned.roll_rad, PITCH: found.fit.learned.pitch_rad}
-    swaying = [
-        k
-        for k, lean_rad in leans_rad.items()
-        if k in open_ones and lean_rad**2 > 0.5 * len(found.used) * found.deviations[k] ** 2
-    ]
+    swaying = [k for k in (ROLL, PITCH) if found.mean_lean_deviations[k] > MAX_MEAN_LEAN]
     if swaying:
-        lean_rad = max(leans_rad[k] for k in swaying)
+        lean_rad = max(found.fit.learned[k] for k in swaying)
         raise NoFitError(
             f"the body leans by {math.degrees(lean_rad):.1f}° from image to image (a standard deviation), so "
             f"{len(found.used)} images leave the camera's {_names(swaying)} open: let the robot stand still, or add "
             "images"
         )
+    open_ones = [k for k, limit in MAX_DEVIATIONS.items() if found.image_deviations[k] > limit]
     if open_ones:
         raise NoFitError(
             f"these images don't tell the camera's {_names(open_ones)}: add images from other places, with the "

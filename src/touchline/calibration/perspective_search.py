@@ -36,7 +36,7 @@ _OWN_DEG, _OWN_FINE_DEG = np.arange(-5.0, 5.1, 1.0), np.arange(-6.0, 6.1, 0.25)
 
 
 class Start(NamedTuple):
-    """A camera's state (10,), as of `perspective_bundle`, its log-likelihood, and by how much images lean (V, 2)."""
+    """A camera's state (10,), as of `perspective_bundle`, its log-likelihood, and by how much images lean (V, 3)."""
 
     state: FloatArray
     log_likelihood: float
@@ -69,7 +69,7 @@ def place(
     noise_px: float = _NOISE_PX,
     lean: FloatArray | None = None,
 ) -> tuple[Pose | None, float]:
-    """The likeliest pose of an image with a camera's state (10,) and a lean of its own (2,), and the log-likelihood of
+    """The likeliest pose of an image with a camera's state (10,) and a lean of its own (3,), and the log-likelihood of
     its points, per pixel.
     """
     camera, pixels = camera_at(model, size, state, lean), one.points.pixels
@@ -126,7 +126,7 @@ class _Squareness:
 def _square_cameras(
     seen: Sequence[Observation], model: str, size: tuple[int, int]
 ) -> list[tuple[float, FloatArray, FloatArray]]:
-    """Cameras with which lines are parallel or at right angles: costs, the least first, states (10,), leans (V, 2)."""
+    """Cameras with which lines are parallel or at right angles: costs, the least first, states (10,), leans (V, 3)."""
     from scipy.optimize import minimize
 
     square = _Squareness(seen, model, size)
@@ -166,7 +166,7 @@ def _square_cameras(
     ]
     found: list[tuple[float, FloatArray, FloatArray]] = []
     for fit in sorted(fits, key=lambda one: float(one.fun))[:_SQUARE]:
-        state, leans = np.zeros(len(NAMES)), np.zeros((len(seen), 2))
+        state, leans = np.zeros(len(NAMES)), np.zeros((len(seen), 3))
         state[[ROLL, PITCH, FOCAL, DISTORTION]] = fit.x
         leans[square.shown, 0] = np.radians(_OWN_FINE_DEG[own(fit.x, _OWN_FINE_DEG).argmin(axis=0)])
         found.append((float(fit.fun), state, leans))

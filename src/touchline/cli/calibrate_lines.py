@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MODELS = "omni", "pinhole", "fisheye"
 # standard deviations, and of a line's width: from there on it is said that all lines lie aside
 _SURELY, _EDGE = 3.0, 0.25
+_SWAYING_RAD = 0.005  # deviation of the body's mean lean from which on it is said that it sways
 _HANDEDNESS = (
     "Of a mirror, 1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, "
     "and said."
@@ -131,6 +132,12 @@ def _lens_words(found: PerspectiveLines, field: FieldModel) -> str:
     from touchline.calibration.perspective_bundle import DISTORTION, FOCAL, HEIGHT, PITCH, ROLL
 
     camera, sure, learned = found.camera, found.deviations, found.fit.learned
+    swaying = ""
+    if max(found.mean_lean_deviations[[ROLL, PITCH]]) > _SWAYING_RAD:
+        swaying = (
+            f" It sways: roll and pitch are its means over {len(found.used)} images, and known no better than those. "
+            "Localization learns them within seconds; else let the robot stand still, or add images."
+        )
     roll, pitch, _ = camera.base_from_camera.roll_pitch_yaw()
     height_m = float(camera.base_from_camera.translation_m[2])
     points = sum(len(one.points) for one in found.seen)
@@ -142,7 +149,7 @@ def _lens_words(found: PerspectiveLines, field: FieldModel) -> str:
         f"Roll {math.degrees(roll):.2f}° (± {math.degrees(sure[ROLL]):.2f}), pitch {math.degrees(pitch):.2f}° "
         f"(± {math.degrees(sure[PITCH]):.2f}), height {height_m:.3f} m (± {height_m * sure[HEIGHT]:.3f}); the body "
         f"leant by {math.degrees(learned.roll_rad):.2f}° of roll and {math.degrees(learned.pitch_rad):.2f}° of pitch "
-        "from image to image besides. "
+        f"from image to image besides, its height differed by {100 * learned.height_ratio:.1f} %.{swaying}\n"
         f"Lines lie {1000 * learned.paint_m:.0f} mm beside where the field's file has them.\n"
         "The origin is the point below the camera, x the way it looks: correct base_from_camera if it sits elsewhere."
     )
