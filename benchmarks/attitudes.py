@@ -80,12 +80,17 @@ def start(run: Simulation, seed: int) -> Pose:
     return Pose(true.x + x, true.y + y, true.heading + START_RAD * rng.standard_normal())
 
 
-def attitude_errors_deg(true: PinholeCamera, known: PinholeCamera, estimate: Estimate) -> FloatArray:
-    """Roll and pitch (2,) by which the camera as it was learned is off, about its own forward and left."""
+def attitude_errors_deg(run: Simulation, known: PinholeCamera, estimate: Estimate) -> FloatArray:
+    """Roll and pitch (2,) by which the camera, as it was learned, looks elsewhere than it does: the IMU's constant
+    tilt is in it, as images alone tell the sum of both.
+    """
     assert estimate.camera_errors is not None
+    assert isinstance(run.camera, PinholeCamera)
     learned = known.corrected(estimate.camera_errors, ANGLES_RAD).base_from_camera
-    off = learned.rotation @ true.base_from_camera.rotation.T
-    return np.degrees(np.array([off[2, 1], off[0, 2]]))
+    off = learned.rotation @ run.camera.base_from_camera.rotation.T
+    imu = run.sensors.imu
+    tilt = imu.values[:, :2] - np.array([run.track.attitude_at(1e-9 * stamp) for stamp in imu.stamp_ns.tolist()])
+    return np.degrees(np.array([off[2, 1], off[0, 2]]) + tilt.mean(axis=0))
 
 
 def distance_m(pose: Pose, true: Pose, field: FieldModel) -> float:
@@ -153,7 +158,7 @@ def walk(given: argparse.Namespace) -> None:
                 beyond += estimate.protection_m is not None and own[-1] > estimate.protection_m
         wrong = int(np.sum(np.array(own) > WRONG_M))
         totals += len(run), len(own), wrong, beyond
-        ends.append(attitude_errors_deg(camera, known, estimate) if own else np.full(2, np.nan))
+        ends.append(attitude_errors_deg(run, known, estimate) if own else np.full(2, np.nan))
         errors += own
         last = f"{100.0 * own[-1]:.1f} cm" if estimate.status == Status.TRACKING else "not tracked"
         print(

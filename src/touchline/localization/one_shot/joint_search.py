@@ -13,11 +13,12 @@ import numpy as np
 
 from touchline.camera import Camera
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, as_pose
+from touchline.geometry import FloatArray, Pose, as_pose, wrap_angles
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
-from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
+from touchline.localization.registration.attitudes import KNOWN_RAD
+from touchline.localization.registration.covariance import ANYWHERE_INFORMATION, widest_m
 from touchline.localization.registration.feature_model import FeatureView, best_place
 from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.localization.registration.registration import TRACKING
@@ -33,21 +34,29 @@ MAX_CHI2 = (
     9.5  # of the camera's errors: the 95 % quantile with 4 degrees of freedom; right poses leave 3, wrong ones 11
 )
 MIN_EXPLAINED = 0.9  # share of what is seen; right poses in photographs leave 0.97
+TURN, MAX_TURN = 0.25, 3.0  # deviations of roll and pitch: step, and how far from a fit they are turned
+LEAST_LIKELY = 4.5  # of logarithms below the likeliest, to which they are: three standard deviations
+HELD = 1e9  # information of a turn that is held
+OPEN_M = 0.2  # by what roll and pitch leave a place open that is told
 
 
 _search_of = functools.lru_cache(maxsize=4)(FieldSearch)  # of a field: 10 ms of each further observation
 
 
 class JointFit(NamedTuple):
-    """A pose with its covariance (3, 3) in (m, m, rad), the camera's errors (K,), the log-likelihood of all that is
-    seen and of these errors, and the share of what is seen that lies where it should.
+    """A pose with its covariance (3, 3) in (m, m, rad), the camera's errors (K,) with theirs (K, K), the log-likelihood
+    of all that is seen and of these errors, and the share of what is seen that lies where it should.
+
+    open_m: by how much roll and pitch of the camera leave the place open, where `opened` has looked.
     """
 
     pose: Pose
     covariance: FloatArray
     errors: FloatArray
+    errors_covariance: FloatArray
     log_likelihood: float
     explained: float
+    open_m: float = 0.0
 
 
 class JointSearch:
@@ -94,6 +103,38 @@ class JointSearch:
         """From fits to another observation of the same image, the likeliest first."""
         return sorted((self._fit(one.pose, one.errors) for one in fits), key=lambda one: -one.log_likelihood)
 
+    def opened(self, fit: JointFit) -> JointFit:
+        """A fit whose covariance holds the places that other rolls and pitches of the camera leave as likely.
+
+        Few lines fit along a ridge that is bent: the covariance at one place on it tells its width, but not how far it
+        goes. So the camera is turned step by step, both ways along both axes of what is known of its roll and pitch,
+        and all else is fitted from the step before.
+        """
+        if self.errors.trust.free_fit or self._deviations[:2].max() < KNOWN_RAD:
+            return fit
+        spread = np.zeros((3, 3))
+        for axis in np.linalg.eigh(fit.errors_covariance[:2, :2])[1].T:
+            turned = [fit, *self._turned(fit, axis), *self._turned(fit, -axis)]
+            shares = np.exp([min(one.log_likelihood - fit.log_likelihood, 0.0) for one in turned])
+            moved = np.array([[*one.pose] for one in turned]) - [*fit.pose]
+            moved[:, 2] = wrap_angles(moved[:, 2])
+            spread += (shares / shares.sum() * moved.T) @ moved
+        return fit._replace(covariance=fit.covariance + spread, open_m=widest_m(spread))
+
+    def _turned(self, fit: JointFit, axis: FloatArray) -> Iterator[JointFit]:
+        """Fits with the camera turned further and further along an axis (2,) of roll and pitch, as long as likely."""
+        step = TURN * axis * float(np.hypot(*(self._deviations[:2] * axis)))
+        held, last = self._prior.information.copy(), fit
+        held[3:5, 3:5] += HELD * np.outer(axis, axis)
+        for k in range(1, round(MAX_TURN / TURN) + 1):
+            mean, errors = np.zeros(len(held)), last.errors.copy()
+            mean[3:5] = np.linalg.solve(held[3:5, 3:5], HELD * axis * float(axis @ (fit.errors[:2] + k * step)))
+            errors[:2] += step
+            last = self._fit(last.pose, errors, StatePrior(mean, held))
+            if last.log_likelihood < fit.log_likelihood - LEAST_LIKELY:
+                return
+            yield last
+
     def corrected(self, fit: JointFit) -> FloatArray:
         """The line points (N, 2), robot frame, as a camera without the errors of a fit would have seen them."""
         return self.placed(self.seen.positions_m, fit)
@@ -106,17 +147,17 @@ class JointSearch:
         """What contradicts a fit, a sentence each: features that are none of the field's there, a camera far off."""
         return (*self._contradicting(fit), *self._of_camera(fit))
 
-    def _fit(self, start: Pose, errors: FloatArray) -> JointFit:
-        """From a pose and errors (K,) of the camera."""
-        prior = StatePrior(np.array([*start, *np.zeros(len(errors))]), self._prior.information)
+    def _fit(self, start: Pose, errors: FloatArray, prior: StatePrior | None = None) -> JointFit:
+        """From a pose and errors (K,) of the camera. prior: of the errors; none: what is known of them."""
+        prior = prior or self._prior
+        prior = prior._replace(mean=np.array([*start, *prior.mean[3:]]))
         state = np.array([*start, *errors])
         fit: StateFit = self._search.registration.fit_state(self.seen, state, prior, TRACKING, self._response)
-        covariance = np.linalg.inv(fit.information + self._prior.information)[:3, :3]
-        covariance += np.diag(np.square(self.errors.floor))
+        every = np.linalg.inv(fit.information + prior.information)
+        covariance = every[:3, :3] + np.diag(np.square(self.errors.floor))
         strain = 0.5 * float(np.sum(np.square(fit.state[3:] / self._deviations)))
-        return JointFit(
-            as_pose(fit.state), covariance, fit.state[3:].copy(), fit.log_likelihood - strain, fit.explained
-        )
+        likelihood = fit.log_likelihood - strain
+        return JointFit(as_pose(fit.state), covariance, fit.state[3:].copy(), every[3:, 3:], likelihood, fit.explained)
 
     def _contradicting(self, fit: JointFit) -> list[str]:
         pose, points, found = fit.pose, self.seen.features, []
@@ -136,6 +177,11 @@ class JointSearch:
     def _of_camera(self, fit: JointFit) -> list[str]:
         """Errors of the camera that are larger than they should be, and what is explained in spite of them."""
         found, ratios = [], fit.errors / self._deviations
+        if fit.open_m > OPEN_M:
+            found.append(
+                "so few lines do not tell the camera's roll and pitch, and without these leave the place open by "
+                f"± {fit.open_m:.1f} m"
+            )
         if float(ratios @ ratios) > MAX_CHI2:
             k = int(np.argmax(np.abs(ratios)))
             found.append(f"what is seen fits only if the camera's {self.errors.names[k]} is {fit.errors[k]:+.3f} off")

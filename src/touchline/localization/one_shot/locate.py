@@ -38,6 +38,7 @@ SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SA
 # camera's image is worth no more, as of `SECTOR`
 MAX_LOG_ODDS = 4.0
 MAX_BEYOND_RATIO = 0.1  # of the points beyond the outer lines, that are left out there
+OPENED = 2  # poses, of which the second is often the twin, whose covariance holds what a lean leaves open
 MIN_EXPLAINED = 0.6  # share of what is seen that a pose must explain: with the camera's lean free, some pose fits half
 
 
@@ -250,6 +251,7 @@ def _locate_observation(
         fits = joint.refits(fits)
     likely = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
     likely = [likely[k] for k in _different([one.pose for one in likely])]
+    likely[:OPENED] = [joint.opened(one) for one in likely[:OPENED]]
     covariances = {one.pose: one.covariance for one in likely}
     similar = [_at(one.pose, joint.corrected(one), field) for one in likely]
     points, weights = _different_points(joint.corrected(fits[0]), None, s)
@@ -259,7 +261,7 @@ def _locate_observation(
         return covariances[place], None
 
     found = _Found(
-        points, sample, weights, similar, unsure, every, (*joint.doubts(fits[0]), *_beyond(inside)), fits[0].explained
+        points, sample, weights, similar, unsure, every, (*joint.doubts(likely[0]), *_beyond(inside)), fits[0].explained
     )
     return replace(_judged(found, search, field, heading, s, seed), camera_errors=fits[0].errors)
 
