@@ -7,15 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.camera import OmniCamera
+from touchline.camera import GroundView, OmniCamera, PinholeCamera
+from touchline.cli.compile import drawn_image
 from touchline.errors import InputError
 from touchline.experiments.schulz_features import LANDMARKS, VARIANTS, measure
-from touchline.geometry import FloatArray
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
 from touchline.perception.line_graph.arms import STRAIGHT_RAD, arms_meet, judge_arms
 from touchline.perception.line_graph.cell_crossings import white_runs
 from touchline.perception.line_graph.chains import find_chains
-from touchline.perception.line_graph.circle import Circle
+from touchline.perception.line_graph.circle import Circle, without_arcs
 from touchline.perception.line_graph.colour_classes import GREEN, WHITE
 from touchline.perception.line_graph.field_boundary import smooth_boundary
 from touchline.perception.line_graph.graph import Graph, connect, lead_through, line_graph
@@ -24,7 +26,7 @@ from touchline.perception.line_graph.lines import split_and_merge
 from touchline.perception.line_graph.profiles import LINE, NO_LINE, find_paint
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
-from touchline.types import Frame, Observation
+from touchline.types import Frame, Lines, Observation
 
 ROWS, COLUMNS = 40, 60
 SWITCHES = [
@@ -158,12 +160,41 @@ def test_white_runs_on_a_circle_of_cells_are_the_arms(arms: int) -> None:
 
 
 def test_an_arc_drawn_out_beyond_its_circle_is_an_arc_still() -> None:
-    circle = Circle(2.0, 0.0, 0.75, 20, 0.01)
+    circle, at = Circle(2.0, 0.0, 0.75, 20, 0.01), (0.0, 0.0, 1.0)
+
+    def follows(ends_m: FloatArray) -> bool:
+        one, some = np.eye(2)[np.newaxis], np.zeros((1, 2, 2))
+        lines = Lines(ends_m[np.newaxis], np.tile(one, (1, 2, 1, 1)), np.ones(1), some)
+        return not len(without_arcs(lines, circle, at))
+
     along = np.array([[2.75, -0.45], [2.75, 0.7]])
-    assert circle.follows(along)
-    assert not circle.follows(along + np.array([0.4, 0.0]))
-    assert not circle.follows(np.array([[2.0, -2.0], [2.0, 2.0]]))  # the halfway line
-    assert not circle.follows(np.array([[2.6, 0.0], [2.9, 0.0]]))
+    assert follows(along)
+    assert not follows(along + np.array([0.4, 0.0]))
+    assert not follows(np.array([[2.0, -2.0], [2.0, 2.0]]))  # the halfway line
+    assert not follows(np.array([[2.6, 0.0], [2.9, 0.0]]))
+
+
+def test_a_circle_is_found_by_a_camera_that_leans_by_degrees_more_than_it_is_thought_to() -> None:
+    """Half as long again on the ground, it was none; where it was seen in the first images, it is seen from then on."""
+    field, pose = open_field("indoor-9x6"), Pose(-3.6, 0.5, -0.1)
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.35, 0.0, (0.0, 0.0, 1.1))
+    known = PinholeCamera(640, 480, 420.0, 420.0, 319.5, 239.5, np.zeros(5), mount, use_attitude=False)
+    true = known.corrected(np.radians([-1.0, 3.2, 0.0, 0.0]), np.linspace(0.05, 0.5, 10))
+    detector, image = LineGraphDetector(known, LineGraphSettings(), field), drawn_image(field, true, pose)
+    middle = GroundView(true).image_from_ground(pose.inverse().transform(np.zeros((1, 2))))
+    expected = GroundView(known).ground_from_image(middle)[0]
+    for k in range(8):
+        seen = detector.observe(Frame(k, image=image)).landmarks
+        (at,) = np.flatnonzero(seen.kinds == "circle")
+        assert np.hypot(*(seen.positions_m[at] - expected)) < 2.5 * np.sqrt(seen.covariances_m2[at, 0, 0])
+    ends_m = detector.observe(Frame(8, image=image)).lines.ends_m
+    near = np.hypot(*(ends_m.mean(axis=1) - expected).T) < 1.2
+    assert np.all(np.hypot(*(ends_m[near, 1] - ends_m[near, 0]).T) > 2.0)  # its arcs are no lines
+    detector.reset()
+    empty = np.full_like(image, (60, 140, 50))
+    for k in range(6):
+        detector.observe(Frame(k, image=empty))
+    assert not np.any(detector.observe(Frame(6, image=image)).landmarks.kinds == "circle")
 
 
 def test_the_boundary_bridges_a_notch_and_keeps_a_bay() -> None:

@@ -139,16 +139,16 @@ def _walk_example(system: str) -> None:
     robot = Localizer(field, system=system)
     for k in range(10):
         stamp_ns, pose = k * 100_000_000, Pose(-1.2 + 0.1 * k, 0.3, 0.3)
-        seen = detector.observe(Frame(stamp_ns, image=_drawn(field, camera, pose)))
+        seen = detector.observe(Frame(stamp_ns, image=drawn_image(field, camera, pose)))
         robot.add_odometry(stamp_ns, pose.x, pose.y, pose.heading)
         # without its points, which would be a mirror's where nobody tells of the camera
         robot.localize(stamp_ns, observation=replace(seen, points=empty_points()))
     white = open_field("humanoid-kid-9x6")
-    image = _drawn(white, camera, Pose(1.5, 0.3, 0.0))
+    image = drawn_image(white, camera, Pose(1.5, 0.3, 0.0))
     LineGraphDetector(camera, LineGraphSettings(), white).observe(Frame(0, image=image))
 
 
-def _drawn(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:
+def drawn_image(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:
     """An image of carpet, and of the lines and posts before a robot."""
     import cv2
     import numpy as np

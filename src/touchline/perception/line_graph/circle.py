@@ -1,15 +1,17 @@
 """The centre circle among the graph's nodes: the middle of a circle of the field's radius through many of them.
 
-An addition of ours: its arcs are told from straight lines, and its middle is a landmark.
+An addition of ours: its arcs are told from straight lines, and its middle is a landmark. Where the camera leans by
+degrees more than it is thought to, a circle 5 m away is half as long again on the ground: it is looked for so, too.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from touchline.geometry import BoolArray, FloatArray
+from touchline.geometry import BoolArray, FloatArray, Pose3
 from touchline.perception.line_graph.graph import Graph
 from touchline.types import LandmarkKind, Landmarks, Lines, no_landmarks
 
@@ -21,44 +23,55 @@ _ROUNDS = 4
 _LONG = 1.4  # of a line, in radii
 _EVERY = 3  # so many nodes apart are those that propose a middle
 _ARC_SAMPLES, _ARC_SHARE, _ARC_COS = 11, 0.6, 0.7  # so much of an arc lies on the circle, and not radially
-_MIN_M = 0.02  # standard deviation of the best middle
+_MIN_M, _LEANING_M = 0.02, 0.06  # standard deviation of the best middle, and of one seen at another lean
+_PITCHES_DEG, _ROLLS_DEG = (0.0, 1.4, -1.4, 2.8, -2.8, 4.2, -4.2), (0.0, 2.5, -2.5)
+NO_LEAN, *_OTHERS = ((math.radians(roll), math.radians(pitch)) for pitch in _PITCHES_DEG for roll in _ROLLS_DEG)
+OTHER_LEANS = tuple(_OTHERS)
+_CLEARLY = 2  # sectors more
 
 
 class Circle(NamedTuple):
-    """x, y: middle (m, robot frame). radius_m. sectors: how many of 24 show it. deviation_m: of the nodes on it."""
+    """x, y: middle (m, robot frame), if the camera leans as it is thought to but for `lean`: roll and pitch (rad) more.
+    radius_m. sectors: how many of 24 show it. deviation_m: of the nodes on it.
+    """
 
     x: float
     y: float
     radius_m: float
     sectors: int
     deviation_m: float
-
-    def follows(self, ends_m: FloatArray) -> bool:
-        """Whether a line's ends (2, 2) are those of an arc, though profiles may have drawn it out beyond the circle."""
-        return bool(_follows(self, ends_m))
+    lean: tuple[float, float] = NO_LEAN
 
 
 @njit(cache=True)
-def _follows(circle: Circle, ends_m: FloatArray) -> bool:
+def _follows(circle: tuple[float, float, float], ends_m: FloatArray) -> bool:
+    """Whether a line's ends (2, 2) are those of an arc, though profiles may have drawn it out beyond the circle."""
+    middle_x, middle_y, radius_m = circle
     (x, y), dx, dy = ends_m[0], ends_m[1, 0] - ends_m[0, 0], ends_m[1, 1] - ends_m[0, 1]
     on = 0
     for k in range(_ARC_SAMPLES):
         px, py = x + dx * k / (_ARC_SAMPLES - 1), y + dy * k / (_ARC_SAMPLES - 1)
-        off = abs(math.hypot(px - circle.x, py - circle.y) - circle.radius_m)
+        off = abs(math.hypot(px - middle_x, py - middle_y) - radius_m)
         on += off < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * math.hypot(px, py)
-    out_x, out_y = x + 0.5 * dx - circle.x, y + 0.5 * dy - circle.y
+    out_x, out_y = x + 0.5 * dx - middle_x, y + 0.5 * dy - middle_y
     radial = abs(dx * out_x + dy * out_y) / max(math.hypot(dx, dy) * math.hypot(out_x, out_y), 1e-9)
     return on >= _ARC_SHARE * _ARC_SAMPLES and radial < _ARC_COS
 
 
-def circle_landmark(circle: Circle | None) -> Landmarks:
-    """The middle of the circle; none without one. Its error is that of a few independent nodes, not of all."""
+def circle_landmark(circle: Circle | None, at: tuple[float, float, float]) -> Landmarks:
+    """The middle of the circle; none without one. Its error is that of a few independent nodes, not of all.
+
+    at: x, y, height (m) of the camera, robot frame.
+    """
     if circle is None:
         return no_landmarks()
-    deviation = _MIN_M + circle.deviation_m / math.sqrt(circle.sectors / 4.0)
+    middle = _leaned(np.array([[circle.x, circle.y]]), at, circle.lean, back=True)
+    deviation = (_MIN_M if circle.lean == NO_LEAN else _LEANING_M) + circle.deviation_m / math.sqrt(
+        circle.sectors / 4.0
+    )
     return Landmarks(
         np.array([LandmarkKind.CIRCLE.value]),
-        np.array([[circle.x, circle.y]]),
+        middle,
         deviation**2 * np.eye(2)[np.newaxis],
         np.array([min(1.0, 2.0 * circle.sectors / _SECTORS)]),
         ((),),
@@ -66,9 +79,50 @@ def circle_landmark(circle: Circle | None) -> Landmarks:
     )
 
 
-def without_arcs(lines: Lines, circle: Circle) -> Lines:
-    """The lines that are no chords of a circle."""
-    return lines.rows(np.array([not circle.follows(ends) for ends in lines.ends_m], dtype=np.bool_))
+def _leaned(
+    points_m: FloatArray, at: tuple[float, float, float], lean: tuple[float, float], back: bool = False
+) -> FloatArray:
+    """Ground points (…, 2) as a camera `at` x, y, height would see them that leans by roll and pitch more, Rx(roll)
+    Ry(pitch); NaN above its horizon. back: from such a camera's.
+    """
+    if lean == NO_LEAN:
+        return points_m
+    x, y, height = at
+    turn = Pose3.from_roll_pitch_yaw(lean[0], 0.0, 0.0).rotation @ Pose3.from_roll_pitch_yaw(0.0, lean[1], 0.0).rotation
+    rays = np.concatenate((points_m - (x, y), np.full((*points_m.shape[:-1], 1), -height)), axis=-1)
+    rays = rays @ (turn if back else turn.T)
+    down = np.where(rays[..., 2:] < 0.0, -rays[..., 2:], np.nan)
+    return np.ascontiguousarray((x, y) + height * rays[..., :2] / down)
+
+
+def without_arcs(lines: Lines, circle: Circle, at: tuple[float, float, float]) -> Lines:
+    """The lines that are no chords of a circle. at: as of `circle_landmark`."""
+    own = circle.x, circle.y, circle.radius_m
+    ends_m = _leaned(lines.ends_m, at, circle.lean)
+    return lines.rows(np.array([not _follows(own, ends) for ends in ends_m], dtype=np.bool_))
+
+
+def find_leaning_circle(
+    graph: Graph,
+    ground: FloatArray,
+    lines_m: FloatArray,
+    radius_m: float,
+    max_range_m: float,
+    at: tuple[float, float, float],
+    leans: Sequence[tuple[float, float]] = OTHER_LEANS,
+) -> Circle | None:
+    """`find_circle`, or that of a camera `at` x, y, height (m) that leans by a roll and pitch of `leans` more, if
+    clearly more of it is seen so: the one of which most is, and of those the truest.
+    """
+    found = []
+    for lean in (NO_LEAN, *leans):
+        nodes, ends_m = _leaned(ground, at, lean), _leaned(lines_m, at, lean)
+        circle = find_circle(graph, nodes, ends_m, radius_m, max_range_m)
+        if circle is not None:
+            found.append(circle._replace(lean=lean))
+    best = max(found, key=lambda one: (one.sectors, -one.deviation_m), default=None)
+    first = found[0] if found else None
+    return first if best is None or (first.lean == NO_LEAN and best.sectors < first.sectors + _CLEARLY) else best
 
 
 def find_circle(

@@ -19,7 +19,14 @@ from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size, image_of, lean_of
-from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle, without_arcs
+from touchline.perception.line_graph.circle import (
+    NO_LEAN,
+    OTHER_LEANS,
+    Circle,
+    circle_landmark,
+    find_leaning_circle,
+    without_arcs,
+)
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
 from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.contrast import BLOCK_PX
@@ -42,6 +49,7 @@ from touchline.types import Frame, ImageArray, Landmarks, LinePoints, Observatio
 _NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
 _GREENISH = 0.35  # of the carpet's own excess of green: what is beside paint is paler
 _LOOSEST, _TIGHTEST = 1.7, 0.4  # how wide a line may look, against what is expected
+_LEAN_IMAGES = 5  # first images in which the circle is looked for at every lean of the camera: 3 ms each
 
 
 class LineGraphDetector:
@@ -60,6 +68,7 @@ class LineGraphDetector:
         yuv = settings.paper.colours == "yuv"
         self.colours = ColourMemory(settings.colour_file, settings.learning_frames, yuv)
         self._last_view = GroundView(camera)
+        self._forget_lean()
 
     @property
     def learns_colours(self) -> bool:
@@ -67,8 +76,13 @@ class LineGraphDetector:
         return self.settings.colour_file is None
 
     def reset(self) -> None:
-        """Forget the colours."""
+        """Forget the colours, and how the camera leans."""
         self.colours.forget()
+        self._forget_lean()
+
+    def _forget_lean(self) -> None:
+        self._leans, self._watched = OTHER_LEANS, 0
+        self._seen_lean: tuple[tuple[float, float], ...] = ()
 
     def observe(self, frame: Frame) -> Observation:
         """What a frame's image shows. Raises InputError for one of another size than the camera's, or without one."""
@@ -96,7 +110,18 @@ class LineGraphDetector:
         structure = self._structure(image, self.colours.classes, plane)
         if watching:
             self.colours.watch(structure.counts, structure.sees_ground, structure.ends)
-        return self._features(image, structure, plane, stamp_ns)
+        seen, circle = self._features(image, structure, plane, stamp_ns)
+        if watching:
+            self._remember_lean(circle)
+        return seen
+
+    def _remember_lean(self, circle: Circle | None) -> None:
+        """At which leans the next image's circle is looked for: after the first images that of the last one seen."""
+        self._watched += 1
+        if circle is not None:
+            self._seen_lean = () if circle.lean == NO_LEAN else (circle.lean,)
+        if self._watched >= _LEAN_IMAGES:
+            self._leans = self._seen_lean
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step of figure 1 on an image, seen from where the last one was.
@@ -111,7 +136,7 @@ class LineGraphDetector:
         plane = image_plane(self.lens, self._last_view)
         structure = self._structure(image, self.colours.classes, plane)
         radius_m = float(self.field.circles[0, 2]) if len(self.field.circles) else 0.0
-        seen = self._features(image, structure, plane, 0)
+        seen, _ = self._features(image, structure, plane, 0)
         return step_pictures(image, structure, seen, self._last_view, radius_m)
 
     @property
@@ -119,20 +144,23 @@ class LineGraphDetector:
         """The colours as known now."""
         return self.colours.classes
 
-    def _features(self, image: ImageArray, structure: Structure, plane: ImagePlane, stamp_ns: int) -> Observation:
+    def _features(
+        self, image: ImageArray, structure: Structure, plane: ImagePlane, stamp_ns: int
+    ) -> tuple[Observation, Circle | None]:
         """Section 4."""
         classes = self.colours.classes
         assert classes is not None
         pixels = self._pixels(image, classes, structure)
         found = find_lines(structure, pixels, plane, self.settings, self._radius_m)
         lines, points = lines_on_ground(found, plane, self.settings)
-        circle = self._circle(structure, plane, lines.ends_m)
+        at = (plane.foot[0], plane.foot[1], plane.height)
+        circle = self._circle(structure, plane, lines.ends_m, at)
         if circle is not None:
-            lines = without_arcs(lines, circle)
+            lines = without_arcs(lines, circle, at)
         crossings = find_crossings(structure, lines, pixels, plane, self.settings)
         upright = find_landmarks(structure, classes, pixels, lines, plane, self.field, self.settings)
-        landmarks = Landmarks.joined([upright, circle_landmark(circle)])
-        return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
+        landmarks = Landmarks.joined([upright, circle_landmark(circle, at)])
+        return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane)), circle
 
     def _structure(self, image: ImageArray, classes: ColourClasses, plane: ImagePlane) -> Structure:
         return find_structure(image, classes, self._usable, plane, self.field.line_width, self.settings)
@@ -155,11 +183,14 @@ class LineGraphDetector:
         near = ranges_m <= max(_NEAR_M, float(np.quantile(ranges_m[around], 0.25)) if around.any() else _NEAR_M)
         return near, around, sides(plane, self.camera.height // BLOCK_PX, self.field.line_width)
 
-    def _circle(self, structure: Structure, plane: ImagePlane, ends_m: FloatArray) -> Circle | None:
+    def _circle(
+        self, structure: Structure, plane: ImagePlane, ends_m: FloatArray, at: tuple[float, float, float]
+    ) -> Circle | None:
         if not self._radius_m:
             return None
         ground = grounds_from_pixels(plane, cell_pixels(structure.graph.places))
-        return find_circle(structure.graph, ground, ends_m, self._radius_m, self.settings.crossing_m)
+        reach_m = self.settings.crossing_m
+        return find_leaning_circle(structure.graph, ground, ends_m, self._radius_m, reach_m, at, self._leans)
 
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
         pixels, ground, covariances = boundary_points(plane, structure.ends, structure.smooth.shape[0])
