@@ -120,9 +120,10 @@ def find_leaning_circle(
         circle = find_circle(graph, nodes, ends_m, radius_m, max_range_m)
         if circle is not None:
             found.append(circle._replace(lean=lean))
-    best = max(found, key=lambda one: (one.sectors, -one.deviation_m), default=None)
-    first = found[0] if found else None
-    return first if best is None or (first.lean == NO_LEAN and best.sectors < first.sectors + _CLEARLY) else best
+    if not found:
+        return None
+    first, best = found[0], max(found, key=lambda one: (one.sectors, -one.deviation_m))
+    return first if first.lean == NO_LEAN and best.sectors < first.sectors + _CLEARLY else best
 
 
 def find_circle(
