@@ -73,9 +73,9 @@ def told(camera: PinholeCamera, seed: int) -> PinholeCamera:
     return camera.corrected(np.array([size * math.sin(way), size * math.cos(way), 0.0, 0.0]), ANGLES_RAD)
 
 
-def start(run: Simulation, seed: int) -> Pose:
+def start(run: Simulation, seed: int, place: int) -> Pose:
     """Where the robot is told to begin."""
-    rng, true = np.random.default_rng([seed, 53]), run.truth[0]
+    rng, true = np.random.default_rng([seed, 53, place]), run.truth[0]
     x, y = START_M / math.sqrt(2.0) * rng.standard_normal(2)
     return Pose(true.x + x, true.y + y, true.heading + START_RAD * rng.standard_normal())
 
@@ -104,7 +104,7 @@ def stills(given: argparse.Namespace) -> None:
     for seed in range(given.first, given.first + given.robots):
         counts = {name: Counter[str]() for name in told_by}
         for place in range(given.places):
-            for name, verdict in _still(simulated("stills", 2.0, given.sun, seed, place), seed):
+            for name, verdict in _still(simulated("stills", 2.0, given.sun, seed, place), seed, place):
                 counts[name][verdict] += 1
         print(
             f"{seed}: " + "; ".join(f"{name} {dict(sorted(each.items()))}" for name, each in counts.items()), flush=True
@@ -115,12 +115,12 @@ def stills(given: argparse.Namespace) -> None:
         print(f"{name}: " + ", ".join(f"{verdict} {count}" for verdict, count in each.most_common()))
 
 
-def _still(run: Simulation, seed: int) -> Iterator[tuple[str, str]]:
+def _still(run: Simulation, seed: int, place: int) -> Iterator[tuple[str, str]]:
     camera = run.camera
     assert isinstance(camera, PinholeCamera)
     known = told(camera, seed)
     system = open_system("touchline", RobotSetup(run.field, known, run.wheel_directions_rad))
-    system.reset(Prior(start(run, seed)))
+    system.reset(Prior(start(run, seed, place)))
     estimate: Estimate | None = None
     for index, frame in enumerate(run):
         estimate = system.step(frame)
@@ -149,7 +149,7 @@ def walk(given: argparse.Namespace) -> None:
         assert isinstance(camera, PinholeCamera)
         known = told(camera, seed)
         system = open_system("touchline", RobotSetup(run.field, known, run.wheel_directions_rad))
-        system.reset(Prior(start(run, seed)))
+        system.reset(Prior(start(run, seed, 0)))
         own, beyond = [], 0
         for index, frame in enumerate(run):
             estimate = system.step(frame)
@@ -167,11 +167,12 @@ def walk(given: argparse.Namespace) -> None:
             flush=True,
         )
     images, tracked, wrong, beyond = totals.tolist()
-    within = np.sum(np.abs(ends) <= RIGHT_DEG, axis=0)
+    within, share = np.sum(np.abs(ends) <= RIGHT_DEG, axis=0), 100.0 * tracked / images
+    mean, farthest = (100.0 * float(figure(errors or [np.nan])) for figure in (np.mean, np.max))
     print(
-        f"tracked {100.0 * tracked / images:.1f} % of {images}, mean {100.0 * np.mean(errors):.1f} cm, farthest "
-        f"{100.0 * np.max(errors):.0f}, {wrong} farther than {100.0 * WRONG_M:.0f} cm, {beyond} beyond the level; roll "
-        f"and pitch within {RIGHT_DEG:g}° at the end: {within[0]} and {within[1]} of {given.robots}"
+        f"tracked {share:.1f} % of {images}, mean {mean:.1f} cm, farthest {farthest:.0f}, {wrong} farther than "
+        f"{100.0 * WRONG_M:.0f} cm, {beyond} beyond the level; roll and pitch within {RIGHT_DEG:g}° at the end: "
+        f"{within[0]} and {within[1]} of {given.robots}"
     )
 
 

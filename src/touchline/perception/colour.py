@@ -110,8 +110,8 @@ def colour_model(carpet: Carpet, white: FloatArray | None = None) -> ColourModel
 
 
 def _pixels(images: Sequence[ImageArray], mask: BoolArray) -> FloatArray:
-    """Colours (N, 3) of every third pixel in the mask both ways, and of fewer where several images are plenty."""
-    every = max(round(math.sqrt(mask.size * len(images) / _SAMPLES)), 3)
+    """Colours (N, 3) of every third pixel in the mask both ways, and of fewer where these are more than plenty."""
+    every = max(round(math.sqrt(np.count_nonzero(mask) * len(images) / _SAMPLES)), 3)
     thin = mask[::every, ::every]
     return np.concatenate([image[::every, ::every][thin] for image in images]).astype(np.float64)
 

@@ -178,7 +178,7 @@ class Touchline:
     def camera_errors(self) -> tuple[FloatArray, FloatArray]:
         """What it has learned of the camera (K,), and the covariance (K, K) of that."""
         known = self.bank.knowing
-        return known.errors, known.error_covariance
+        return known.errors.copy(), known.error_covariance
 
     def recall_camera(self, errors: FloatArray, covariance: FloatArray) -> None:
         """Begin with what was learned of this camera before. Raises InputError for errors of another one."""
@@ -402,7 +402,7 @@ class Touchline:
             statistics=self.safeguard.integrity.statistics,
             gaze=self.gaze,
             odometry=None if best is None else best.filter.odometry,
-            camera_errors=None if best is None else best.filter.errors,
+            camera_errors=None if best is None else best.filter.errors.copy(),
         )
 
     def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:

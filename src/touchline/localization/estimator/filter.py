@@ -59,7 +59,7 @@ class InitialUncertainty(NamedTuple):
 class Filter:
     """`mean` (N,): the pose, where the last image was taken; three relative errors of the odometry's scales; its drift
     of heading (rad/s); how much later images are stamped than taken (s); errors (K,) of the camera. `joint` (N, N):
-    their covariance; like `mean` a new one with every image.
+    their covariance. Both are new ones with every correction; a prediction moves the pose in `mean` in place.
     """
 
     def __init__(self, pose: Pose, covariance: FloatArray, initial: InitialUncertainty) -> None:

@@ -6,7 +6,7 @@ line points leave open, and a camera that leans otherwise than it is thought to 
 
 import functools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,8 +35,8 @@ MAX_CHI2 = (
 )
 MIN_EXPLAINED = 0.9  # share of what is seen; right poses in photographs leave 0.97
 TURN, MAX_TURN = 0.25, 3.0  # deviations of roll and pitch: step, and how far from a fit they are turned
-LEAST_LIKELY = 4.5  # of logarithms below the likeliest, to which they are: three standard deviations
-HELD = 1e9  # information of a turn that is held
+MAX_LOG_RATIO = 4.5  # of how likely the fit is and how likely a turned one: three standard deviations
+FIXED_INFORMATION = 1e9  # of a turn, 1/rad²
 OPEN_M = 0.2  # by what roll and pitch leave a place open that is told
 
 
@@ -44,8 +44,9 @@ _search_of = functools.lru_cache(maxsize=4)(FieldSearch)  # of a field: 10 ms of
 
 
 class JointFit(NamedTuple):
-    """A pose with its covariance (3, 3) in (m, m, rad), the camera's errors (K,) with theirs (K, K), the log-likelihood
-    of all that is seen and of these errors, and the share of what is seen that lies where it should.
+    """A pose with its covariance (3, 3) in (m, m, rad), the camera's errors (K,), the covariance (3 + K, 3 + K) of pose
+    and errors, the log-likelihood of all that is seen and of these, and the share of what is seen that lies where it
+    should.
 
     open_m: by how much roll and pitch of the camera leave the place open, where `opened` has looked.
     """
@@ -53,7 +54,7 @@ class JointFit(NamedTuple):
     pose: Pose
     covariance: FloatArray
     errors: FloatArray
-    errors_covariance: FloatArray
+    joint: FloatArray
     log_likelihood: float
     explained: float
     open_m: float = 0.0
@@ -103,8 +104,9 @@ class JointSearch:
         """From fits to another observation of the same image, the likeliest first."""
         return sorted((self._fit(one.pose, one.errors) for one in fits), key=lambda one: -one.log_likelihood)
 
-    def opened(self, fit: JointFit) -> JointFit:
+    def opened(self, fit: JointFit, allowed: Callable[[Pose], bool] = lambda pose: True) -> JointFit:
         """A fit whose covariance holds the places that other rolls and pitches of the camera leave as likely.
+        allowed: whether a pose may be it.
 
         Few lines fit along a ridge that is bent: the covariance at one place on it tells its width, but not how far it
         goes. So the camera is turned step by step, both ways along both axes of what is known of its roll and pitch,
@@ -112,26 +114,30 @@ class JointSearch:
         """
         if self.errors.trust.free_fit or self._deviations[:2].max() < KNOWN_RAD:
             return fit
-        spread = np.zeros((3, 3))
-        for axis in np.linalg.eigh(fit.errors_covariance[:2, :2])[1].T:
-            turned = [fit, *self._turned(fit, axis), *self._turned(fit, -axis)]
+        leans, across = fit.joint[3:5, 3:5], fit.joint[:3, 3:5]
+        told, spread = across @ np.linalg.solve(leans, across.T), np.zeros((3, 3))
+        for axis in np.linalg.eigh(leans)[1].T:
+            turned = [fit, *self._turned(fit, axis, allowed), *self._turned(fit, -axis, allowed)]
             shares = np.exp([min(one.log_likelihood - fit.log_likelihood, 0.0) for one in turned])
             moved = np.array([[*one.pose] for one in turned]) - [*fit.pose]
             moved[:, 2] = wrap_angles(moved[:, 2])
             spread += (shares / shares.sum() * moved.T) @ moved
-        return fit._replace(covariance=fit.covariance + spread, open_m=widest_m(spread))
+        if widest_m(spread) <= widest_m(told):  # what the covariance holds already
+            return fit
+        return fit._replace(covariance=fit.covariance - told + spread, open_m=widest_m(spread))
 
-    def _turned(self, fit: JointFit, axis: FloatArray) -> Iterator[JointFit]:
+    def _turned(self, fit: JointFit, axis: FloatArray, allowed: Callable[[Pose], bool]) -> Iterator[JointFit]:
         """Fits with the camera turned further and further along an axis (2,) of roll and pitch, as long as likely."""
         step = TURN * axis * float(np.hypot(*(self._deviations[:2] * axis)))
-        held, last = self._prior.information.copy(), fit
-        held[3:5, 3:5] += HELD * np.outer(axis, axis)
+        information, last = self._prior.information.copy(), fit
+        information[3:5, 3:5] += FIXED_INFORMATION * np.outer(axis, axis)
         for k in range(1, round(MAX_TURN / TURN) + 1):
-            mean, errors = np.zeros(len(held)), last.errors.copy()
-            mean[3:5] = np.linalg.solve(held[3:5, 3:5], HELD * axis * float(axis @ (fit.errors[:2] + k * step)))
+            mean, errors = np.zeros(len(information)), last.errors.copy()
+            pull = FIXED_INFORMATION * axis * float(axis @ (fit.errors[:2] + k * step))
+            mean[3:5] = np.linalg.solve(information[3:5, 3:5], pull)
             errors[:2] += step
-            last = self._fit(last.pose, errors, StatePrior(mean, held))
-            if last.log_likelihood < fit.log_likelihood - LEAST_LIKELY:
+            last = self._fit(last.pose, errors, StatePrior(mean, information))
+            if last.log_likelihood < fit.log_likelihood - MAX_LOG_RATIO or not allowed(last.pose):
                 return
             yield last
 
@@ -157,7 +163,7 @@ class JointSearch:
         covariance = every[:3, :3] + np.diag(np.square(self.errors.floor))
         strain = 0.5 * float(np.sum(np.square(fit.state[3:] / self._deviations)))
         likelihood = fit.log_likelihood - strain
-        return JointFit(as_pose(fit.state), covariance, fit.state[3:].copy(), every[3:, 3:], likelihood, fit.explained)
+        return JointFit(as_pose(fit.state), covariance, fit.state[3:].copy(), every, likelihood, fit.explained)
 
     def _contradicting(self, fit: JointFit) -> list[str]:
         pose, points, found = fit.pose, self.seen.features, []

@@ -251,7 +251,7 @@ def _locate_observation(
         fits = joint.refits(fits)
     likely = [one for one in fits if one.log_likelihood > fits[0].log_likelihood - MAX_LOG_ODDS]
     likely = [likely[k] for k in _different([one.pose for one in likely])]
-    likely[:OPENED] = [joint.opened(one) for one in likely[:OPENED]]
+    likely[:OPENED] = [joint.opened(one, lambda pose: _allowed(pose, heading, s)) for one in likely[:OPENED]]
     covariances = {one.pose: one.covariance for one in likely}
     similar = [_at(one.pose, joint.corrected(one), field) for one in likely]
     points, weights = _different_points(joint.corrected(fits[0]), None, s)

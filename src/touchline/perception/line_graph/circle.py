@@ -5,6 +5,7 @@ degrees more than it is thought to, a circle 5 m away is half as long again on t
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -28,11 +29,13 @@ _PITCHES_DEG, _ROLLS_DEG = (0.0, 1.4, -1.4, 2.8, -2.8, 4.2, -4.2), (0.0, 2.5, -2
 NO_LEAN, *_OTHERS = ((math.radians(roll), math.radians(pitch)) for pitch in _PITCHES_DEG for roll in _ROLLS_DEG)
 OTHER_LEANS = tuple(_OTHERS)
 _CLEARLY = 2  # sectors more
+_LEAN_IMAGES = 5  # first images in which the circle is looked for at every lean of the camera: 3 ms each
+_STEP_M = 0.01
 
 
 class Circle(NamedTuple):
-    """x, y: middle (m, robot frame), if the camera leans as it is thought to but for `lean`: roll and pitch (rad) more.
-    radius_m. sectors: how many of 24 show it. deviation_m: of the nodes on it.
+    """x, y: middle (m, robot frame), if the camera leans as it is thought to but for `lean`: roll and pitch (rad) more,
+    about the robot's own axes. radius_m. sectors: how many of 24 show it. deviation_m: of the nodes on it.
     """
 
     x: float
@@ -41,6 +44,27 @@ class Circle(NamedTuple):
     sectors: int
     deviation_m: float
     lean: tuple[float, float] = NO_LEAN
+
+
+class LeanMemory:
+    """At which `leans` the circle is looked for: at all in the first images, then at that of most circles in these."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self.leans, self._images, self._seen = OTHER_LEANS, 0, Counter[tuple[float, float]]()
+
+    def take(self, circle: Circle | None, ends_image: bool) -> None:
+        """Take what a part of an image shows; ends_image: whether images are counted by this part."""
+        if self._images >= _LEAN_IMAGES:
+            return
+        if circle is not None:
+            self._seen[circle.lean] += 1
+        self._images += ends_image
+        if self._images >= _LEAN_IMAGES:
+            self.leans = tuple(lean for lean, _ in self._seen.most_common(1) if lean != NO_LEAN)
 
 
 @njit(cache=True)
@@ -65,14 +89,18 @@ def circle_landmark(circle: Circle | None, at: tuple[float, float, float]) -> La
     """
     if circle is None:
         return no_landmarks()
-    middle = _leaned(np.array([[circle.x, circle.y]]), at, circle.lean, back=True)
-    deviation = (_MIN_M if circle.lean == NO_LEAN else _LEANING_M) + circle.deviation_m / math.sqrt(
-        circle.sectors / 4.0
-    )
+    middle, axes = np.array([[circle.x, circle.y]]), np.eye(2)
+    deviation = _MIN_M if circle.lean == NO_LEAN else _LEANING_M
+    deviation += circle.deviation_m / math.sqrt(circle.sectors / 4.0)
+    if circle.lean != NO_LEAN:
+        beside = _leaned(middle + _STEP_M * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), at, circle.lean, back=True)
+        middle, axes = beside[:1], (beside[1:] - beside[0]).T / _STEP_M
+        if not np.isfinite(beside).all():  # above the horizon as it is thought to be
+            return no_landmarks()
     return Landmarks(
         np.array([LandmarkKind.CIRCLE.value]),
         middle,
-        deviation**2 * np.eye(2)[np.newaxis],
+        deviation**2 * (axes @ axes.T)[np.newaxis],
         np.array([min(1.0, 2.0 * circle.sectors / _SECTORS)]),
         ((),),
         np.full((1, 2), np.nan),
@@ -109,7 +137,7 @@ def find_leaning_circle(
     radius_m: float,
     max_range_m: float,
     at: tuple[float, float, float],
-    leans: Sequence[tuple[float, float]] = OTHER_LEANS,
+    leans: Sequence[tuple[float, float]],
 ) -> Circle | None:
     """`find_circle`, or that of a camera `at` x, y, height (m) that leans by a roll and pitch of `leans` more, if
     clearly more of it is seen so: the one of which most is, and of those the truest.

@@ -20,9 +20,8 @@ from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size, image_of, lean_of
 from touchline.perception.line_graph.circle import (
-    NO_LEAN,
-    OTHER_LEANS,
     Circle,
+    LeanMemory,
     circle_landmark,
     find_leaning_circle,
     without_arcs,
@@ -49,7 +48,6 @@ from touchline.types import Frame, ImageArray, Landmarks, LinePoints, Observatio
 _NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
 _GREENISH = 0.35  # of the carpet's own excess of green: what is beside paint is paler
 _LOOSEST, _TIGHTEST = 1.7, 0.4  # how wide a line may look, against what is expected
-_LEAN_IMAGES = 5  # first images in which the circle is looked for at every lean of the camera: 3 ms each
 
 
 class LineGraphDetector:
@@ -67,8 +65,8 @@ class LineGraphDetector:
         self._radius_m = float(field.circles[0, 2]) if len(field.circles) and settings.paper.circle else 0.0
         yuv = settings.paper.colours == "yuv"
         self.colours = ColourMemory(settings.colour_file, settings.learning_frames, yuv)
+        self.leans = LeanMemory()
         self._last_view = GroundView(camera)
-        self._forget_lean()
 
     @property
     def learns_colours(self) -> bool:
@@ -78,11 +76,7 @@ class LineGraphDetector:
     def reset(self) -> None:
         """Forget the colours, and how the camera leans."""
         self.colours.forget()
-        self._forget_lean()
-
-    def _forget_lean(self) -> None:
-        self._leans, self._watched = OTHER_LEANS, 0
-        self._seen_lean: tuple[tuple[float, float], ...] = ()
+        self.leans.forget()
 
     def observe(self, frame: Frame) -> Observation:
         """What a frame's image shows. Raises InputError for one of another size than the camera's, or without one."""
@@ -101,7 +95,9 @@ class LineGraphDetector:
         return self.look(image, view, stamp_ns, watching=True)
 
     def look(self, image: ImageArray, view: GroundView, stamp_ns: int = 0, watching: bool = False) -> Observation:
-        """As `detect`, in the colours that are known. watching: whether it is noticed when the green fades."""
+        """As `detect`, in the colours that are known. watching: whether it is a whole image: it is noticed when the
+        green fades, and the first ones are counted.
+        """
         if watching:
             self.colours.follow(image)
         assert self.colours.classes is not None
@@ -111,17 +107,8 @@ class LineGraphDetector:
         if watching:
             self.colours.watch(structure.counts, structure.sees_ground, structure.ends)
         seen, circle = self._features(image, structure, plane, stamp_ns)
-        if watching:
-            self._remember_lean(circle)
+        self.leans.take(circle, ends_image=watching)
         return seen
-
-    def _remember_lean(self, circle: Circle | None) -> None:
-        """At which leans the next image's circle is looked for: after the first images that of the last one seen."""
-        self._watched += 1
-        if circle is not None:
-            self._seen_lean = () if circle.lean == NO_LEAN else (circle.lean,)
-        if self._watched >= _LEAN_IMAGES:
-            self._leans = self._seen_lean
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step of figure 1 on an image, seen from where the last one was.
@@ -190,7 +177,7 @@ class LineGraphDetector:
             return None
         ground = grounds_from_pixels(plane, cell_pixels(structure.graph.places))
         reach_m = self.settings.crossing_m
-        return find_leaning_circle(structure.graph, ground, ends_m, self._radius_m, reach_m, at, self._leans)
+        return find_leaning_circle(structure.graph, ground, ends_m, self._radius_m, reach_m, at, self.leans.leans)
 
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
         pixels, ground, covariances = boundary_points(plane, structure.ends, structure.smooth.shape[0])

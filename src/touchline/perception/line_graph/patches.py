@@ -87,7 +87,7 @@ class PatchedLineGraphDetector:
         self.patches = [Patch(camera, yaw, half) for yaw in (0.0, 2.0 * half, -2.0 * half)]
         self.detectors = [LineGraphDetector(patch.camera, settings, field) for patch in self.patches]
         for other in self.detectors[1:]:
-            other.colours = self.detectors[0].colours
+            other.colours, other.leans = self.detectors[0].colours, self.detectors[0].leans
 
     @property
     def learns_colours(self) -> bool:
@@ -100,7 +100,7 @@ class PatchedLineGraphDetector:
         return self.detectors[0].classes
 
     def reset(self) -> None:
-        """Forget the colours."""
+        """Forget the colours, and how the camera leans."""
         self.detectors[0].reset()
 
     def observe(self, frame: Frame) -> Observation:
