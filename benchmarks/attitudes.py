@@ -4,9 +4,9 @@
     python benchmarks/attitudes.py walk [--first 300] [--robots 10] [--seconds 20] [--sun LOW HIGH]
 
 Each seed is a robot on one of three fields, with two to five others about it; its camera.yaml has roll and pitch wrong
-by 2 to 4° together. stills: at each place `touchline.locate` gets all that one image shows, told nothing, and
-`touchline` two seconds of stepping on the spot, told a start 0.2 m and 6° off. walk: from such a start, between places
-that are drawn. Right is what lies within 0.3 m; of what nobody told a start, of the pose or of its twin where the field
+by 2 to 4° together. stills: at each place `touchline.locate` gets all that one image shows, without a start, and
+`touchline` two seconds of stepping on the spot, with a start 0.2 m and 6° off. walk: from such a start, between places
+that are drawn. Right is what lies within 0.3 m; without a start, of the pose or of its twin where the field
 is symmetric. --sun: so many times the lamps, low through
 windows, exposed so that most patches are clipped. Seeds below 300 are for tuning.
 """
@@ -66,7 +66,7 @@ def simulated(kind: str, seconds: float, sun: list[float] | None, seed: int, pla
     )
 
 
-def told(camera: PinholeCamera, seed: int) -> PinholeCamera:
+def stated_camera(camera: PinholeCamera, seed: int) -> PinholeCamera:
     """The camera as this robot's camera.yaml has it."""
     rng = np.random.default_rng([seed, 52])
     size, way = math.radians(rng.uniform(*OFF_DEG)), rng.uniform(0.0, 2.0 * math.pi)
@@ -74,7 +74,7 @@ def told(camera: PinholeCamera, seed: int) -> PinholeCamera:
 
 
 def start(run: Simulation, seed: int, place: int) -> Pose:
-    """Where the robot is told to begin."""
+    """The start that the system is given."""
     rng, true = np.random.default_rng([seed, 53, place]), run.truth[0]
     x, y = START_M / math.sqrt(2.0) * rng.standard_normal(2)
     return Pose(true.x + x, true.y + y, true.heading + START_RAD * rng.standard_normal())
@@ -100,9 +100,9 @@ def distance_m(pose: Pose, true: Pose, field: FieldModel) -> float:
 
 def stills(given: argparse.Namespace) -> None:
     """A row for each robot."""
-    told_by: dict[str, Counter[str]] = {"locate": Counter(), "touchline": Counter()}
+    totals_by: dict[str, Counter[str]] = {"locate": Counter(), "touchline": Counter()}
     for seed in range(given.first, given.first + given.robots):
-        counts = {name: Counter[str]() for name in told_by}
+        counts = {name: Counter[str]() for name in totals_by}
         for place in range(given.places):
             for name, verdict in _still(simulated("stills", 2.0, given.sun, seed, place), seed, place):
                 counts[name][verdict] += 1
@@ -110,15 +110,15 @@ def stills(given: argparse.Namespace) -> None:
             f"{seed}: " + "; ".join(f"{name} {dict(sorted(each.items()))}" for name, each in counts.items()), flush=True
         )
         for name, each in counts.items():
-            told_by[name] += each
-    for name, each in told_by.items():
+            totals_by[name] += each
+    for name, each in totals_by.items():
         print(f"{name}: " + ", ".join(f"{verdict} {count}" for verdict, count in each.most_common()))
 
 
 def _still(run: Simulation, seed: int, place: int) -> Iterator[tuple[str, str]]:
     camera = run.camera
     assert isinstance(camera, PinholeCamera)
-    known = told(camera, seed)
+    known = stated_camera(camera, seed)
     system = open_system("touchline", RobotSetup(run.field, known, run.wheel_directions_rad))
     system.reset(Prior(start(run, seed, place)))
     estimate: Estimate | None = None
@@ -147,7 +147,7 @@ def walk(given: argparse.Namespace) -> None:
         run = simulated("walk", given.seconds, given.sun, seed, 0)
         camera = run.camera
         assert isinstance(camera, PinholeCamera)
-        known = told(camera, seed)
+        known = stated_camera(camera, seed)
         system = open_system("touchline", RobotSetup(run.field, known, run.wheel_directions_rad))
         system.reset(Prior(start(run, seed, 0)))
         own, beyond = [], 0

@@ -45,7 +45,7 @@ RIGHT = 0.9  # share of an image's points on lines from which its pose is kept
 # standard deviations of what the images tell: roll, pitch (rad), height, focal length (ratios)
 MAX_DEVIATIONS = {ROLL: math.radians(0.5), PITCH: math.radians(0.7), HEIGHT: 0.04, FOCAL: 0.04}
 # of the mean lean of a body that sways (rad): half of what localization expects of roll and pitch in any file
-MAX_MEAN_LEAN = 0.5 * DEVIATIONS[0]
+MAX_MEAN_LEAN_RAD = 0.5 * DEVIATIONS[0]
 _USUAL = {"pinhole": (0.8, -0.1), "fisheye": (0.45, 0.0)}  # focal length per image width, distortion
 # of cameras with which lines are first looked for: that focal length times, pitch (rad), height (m)
 _USUAL_VIEWS = (1.0, 0.42, 0.7), (1.25, 0.5, 0.7), (0.8, 0.35, 1.0)
@@ -272,7 +272,7 @@ def _check(found: PerspectiveLines, images: int) -> None:
             f"the field's lines would have to lie {100 * paint_m:.1f} cm beside where its file has them: "
             "measure its sizes, or add images from other places"
         )
-    swaying = [k for k in (ROLL, PITCH) if found.mean_lean_deviations[k] > MAX_MEAN_LEAN]
+    swaying = [k for k in (ROLL, PITCH) if found.mean_lean_deviations[k] > MAX_MEAN_LEAN_RAD]
     if swaying:
         lean_rad = max(found.fit.learned[k] for k in swaying)
         raise NoFitError(

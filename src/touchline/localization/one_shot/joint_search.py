@@ -37,7 +37,7 @@ MIN_EXPLAINED = 0.9  # share of what is seen; right poses in photographs leave 0
 TURN, MAX_TURN = 0.25, 3.0  # deviations of roll and pitch: step, and how far from a fit they are turned
 MAX_LOG_RATIO = 4.5  # of how likely the fit is and how likely a turned one: three standard deviations
 FIXED_INFORMATION = 1e9  # of a turn, 1/rad²
-OPEN_M = 0.2  # by what roll and pitch leave a place open that is told
+OPEN_M = 0.2  # standard deviation of the place by roll and pitch above which the pose is doubted
 
 
 _search_of = functools.lru_cache(maxsize=4)(FieldSearch)  # of a field: 10 ms of each further observation
@@ -115,16 +115,16 @@ class JointSearch:
         if self.errors.trust.free_fit or self._deviations[:2].max() < KNOWN_RAD:
             return fit
         leans, across = fit.joint[3:5, 3:5], fit.joint[:3, 3:5]
-        told, spread = across @ np.linalg.solve(leans, across.T), np.zeros((3, 3))
+        gaussian, spread = across @ np.linalg.solve(leans, across.T), np.zeros((3, 3))
         for axis in np.linalg.eigh(leans)[1].T:
             turned = [fit, *self._turned(fit, axis, allowed), *self._turned(fit, -axis, allowed)]
             shares = np.exp([min(one.log_likelihood - fit.log_likelihood, 0.0) for one in turned])
             moved = np.array([[*one.pose] for one in turned]) - [*fit.pose]
             moved[:, 2] = wrap_angles(moved[:, 2])
             spread += (shares / shares.sum() * moved.T) @ moved
-        if widest_m(spread) <= widest_m(told):  # what the covariance holds already
+        if widest_m(spread) <= widest_m(gaussian):  # the covariance holds it already
             return fit
-        return fit._replace(covariance=fit.covariance - told + spread, open_m=widest_m(spread))
+        return fit._replace(covariance=fit.covariance - gaussian + spread, open_m=widest_m(spread))
 
     def _turned(self, fit: JointFit, axis: FloatArray, allowed: Callable[[Pose], bool]) -> Iterator[JointFit]:
         """Fits with the camera turned further and further along an axis (2,) of roll and pitch, as long as likely."""

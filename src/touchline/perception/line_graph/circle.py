@@ -1,7 +1,7 @@
 """The centre circle among the graph's nodes: the middle of a circle of the field's radius through many of them.
 
-An addition of ours: its arcs are told from straight lines, and its middle is a landmark. Where the camera leans by
-degrees more than it is thought to, a circle 5 m away is half as long again on the ground: it is looked for so, too.
+An addition of ours: its arcs are distinguished from straight lines, and its middle is a landmark. If the camera's roll
+or pitch is off by degrees, a circle 5 m away is half as long again on the ground: it is searched at other leans, too.
 """
 
 import math
