@@ -13,12 +13,11 @@ OVEREXPOSED = 250.0  # grey level from which on all channels tell nothing: what 
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
 
 
-def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: float) -> IntArray:
-    """How many samples of a ray, counted from `inner_px`, are `gap_m` on the ground at each of its samples; (S,)."""
-    radii = np.arange(inner_px, outer_px)
+def gap_lengths(camera: OmniCamera, radii_px: FloatArray, gap_m: float) -> IntArray:
+    """How many samples of a ray are `gap_m` on the ground at each of its samples, whose radii (S,) are given; (S,)."""
     slope = np.gradient(np.mean(camera.range_m, axis=0), camera.radius_px)
-    metres_per_px = np.interp(radii, camera.radius_px, slope)
-    return np.ceil(np.clip(gap_m / metres_per_px, 6, 80)).astype(np.int64)
+    metres = np.interp(radii_px, camera.radius_px, slope) * np.gradient(radii_px)
+    return np.ceil(np.clip(gap_m / metres, 6, 80)).astype(np.int64)
 
 
 @njit(cache=True)
@@ -27,12 +26,12 @@ def green_ends(
     rays: int,
     samples: PathSamples,
     gaps: IntArray,
-    inner_px: float,
+    radii_px: FloatArray,
     ends: FloatArray,
 ) -> None:
     """Radius (px) of the last green sample of each full ray before a gap longer than any line, into ends (rays,).
 
-    starts, samples: of the scan lines; the full rays are the paths 0, 2, 4, ... gaps: `gap_lengths`. What is
+    starts, samples: of the scan lines; the full rays are the paths 0, 2, 4, ... gaps, radii_px: by sample. What is
     overexposed counts neither as green nor as a gap. Each end is then the middle one of three neighbours, so that a rod
     or a stain in one direction does not cut the field.
     """
@@ -48,7 +47,7 @@ def green_ends(
                 missing += 1
                 if missing > gaps[min(k, len(gaps) - 1)]:
                     break
-        single[ray] = inner_px + last
+        single[ray] = radii_px[last]
     for ray in range(rays):
         a, b, c = single[ray - 1], single[ray], single[(ray + 1) % rays]
         ends[ray] = max(min(a, b), min(max(a, b), c))
@@ -74,13 +73,13 @@ def inside_green(crossings: FloatArray, u0: float, v0: float, ends: FloatArray, 
 
 
 @njit(cache=True)
-def keep_within_green(crossings, rays, gaps, circle, ends):  # type: ignore[no-untyped-def]
+def keep_within_green(crossings, rays, gaps, center, ends):  # type: ignore[no-untyped-def]
     """Move the crossings (N, COLUMNS) that lie within the green to the front; returns how many there are.
 
-    rays: first samples of the scan lines, how many full rays there are, and the samples; circle: u, v of the image's
-    centre and the radius at which rays begin; gaps, ends: as of `green_ends`.
+    rays: first samples of the scan lines, how many full rays there are, the samples and their radii; center: u, v;
+    gaps, ends: as of `green_ends`.
     """
-    (starts, count, samples), (u0, v0, inner_px) = rays, circle
-    green_ends(starts, count, samples, gaps, inner_px, ends)
+    (starts, count, samples, radii_px), (u0, v0) = rays, center
+    green_ends(starts, count, samples, gaps, radii_px, ends)
     margins_px = 2.0 + 0.5 * crossings[:, 7]  # the middle of a line that the green ends at lies beyond
     return keep(crossings, inside_green(crossings, u0, v0, ends, margins_px))

@@ -146,8 +146,9 @@ class LinePointDetector:
         self.outer_px = usable_radius(mirror, COARSEST_PX_M)
         circles, fill_from = (s.circles, FILL_FROM) if s.paper.more_scan_lines else (0, 1.0)
         self.scan_lines: ScanLines = build_scan_lines(
-            mirror, s.radial_scan_lines, circles, mirror.inner_radius_px, self.outer_px, fill_from
-        )
+            mirror, s.radial_scan_lines, circles, mirror.inner_radius_px, self.outer_px, fill_from,
+            self.line_width_m if s.paper.detector == "profiles" else 0.0,
+        )  # fmt: skip
         self._see_body(np.zeros((mirror.height, mirror.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
         self._learned: ColourModel | None = None
@@ -156,7 +157,7 @@ class LinePointDetector:
         every = max(math.isqrt(np.count_nonzero(ring) // TINT_PIXELS), 1)
         self._carpet = every * np.argwhere(ring[::every, ::every])
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
-        self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, FIELD_GAP_M)
+        self._gaps = gap_lengths(mirror, self.scan_lines.radii_px, FIELD_GAP_M)
         self._smoothing_px = 0.0
         self._noise = self._learned_noise = 0.0
         self._greens = 0  # of the samples
@@ -281,15 +282,14 @@ class LinePointDetector:
             found = self._profiles(model)
         if not s.paper.within_green:
             return found
-        circle = (*camera.center, camera.inner_radius_px)
-        rays = lines.starts, s.radial_scan_lines, self._samples
-        return found[: keep_within_green(found, rays, self._gaps, circle, self.green_ends_px)]
+        rays = lines.starts, s.radial_scan_lines, self._samples, lines.radii_px
+        return found[: keep_within_green(found, rays, self._gaps, camera.center, self.green_ends_px)]
 
     def _profiles(self, model: ColourModel) -> FloatArray:
         lines, s, camera = self.scan_lines, self.settings, self.camera
         limits = ProfileLimits(
             min_contrast=max(s.min_contrast, MIN_SIGMAS * self._noise),
-            max_run_px=MAX_RUN_PX,
+            max_run_px=MAX_RUN_PX // 2,
             min_chord_m=0.5 * self.line_width_m,
             max_chord_m=STEEPEST_CROSSING * self._paint_m,
             blur_px=BLUR_PX,

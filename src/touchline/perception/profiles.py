@@ -386,13 +386,15 @@ def _place(path, found, limits, camera):  # type: ignore[no-untyped-def]
     for i in range(len(found)):
         one, other = 2 * i, 2 * i + 1
         chord = np.hypot(ground[0, one] - ground[0, other], ground[1, one] - ground[1, other])
-        blur = limits.blur_px * chord / (found[i, 3] - found[i, 2])
+        width_px = np.hypot(pixels[one, 0] - pixels[other, 0], pixels[one, 1] - pixels[other, 1])
+        blur = limits.blur_px * chord / width_px
         least = max(limits.min_chord_m - blur, 0.5 * limits.min_chord_m)
         kept[i] = least <= chord <= limits.max_chord_m + blur
         for a in range(2):
             found[i, a] = 0.5 * (ground[a, one] + ground[a, other])
             found[i, 2 + a] = 0.5 * (pixels[one, a] + pixels[other, a])
         found[i, 5] = chord
+        found[i, 7] = width_px if found[i, 7] > 0.0 else 0.0
     return kept
 
 

@@ -14,17 +14,20 @@ from touchline.geometry import BoolArray, Float32Array, FloatArray, Int32Array, 
 
 FILL_FROM = 0.5  # share of the outer radius from which short rays stand between the others
 _MAX_SAMPLES = 10_000_000
-_CIRCLE_OVERLAP_PX = 60  # a circle goes on past its start so that a line lying there is seen whole
+_CIRCLE_OVERLAP = 60  # samples by which a circle goes on past its start so that a line lying there is seen whole
+_SAMPLES_A_LINE = 4.5  # that tell both of its edges
+_MAX_STEP_PX = 2.0  # farther apart, samples miss the blur of an edge
 
 
 @dataclass(frozen=True, eq=False)
 class ScanLines:
-    """Paths of samples one pixel apart.
+    """Paths of samples one to two pixels apart.
 
     samples: (N, 2) u, v of all paths, one after the other. starts: (P + 1,) first sample of each path.
     closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
     corners: (N,) index of the sample's upper left pixel's first channel in an image laid flat; shares: (2, N) how far
     the sample is on its way to the next pixel in u and v. Both for bilinear look-up.
+    radii_px: (R,) of the samples of a full ray.
     """
 
     samples: FloatArray
@@ -32,6 +35,7 @@ class ScanLines:
     closed: IntArray
     corners: Int32Array
     shares: Float32Array
+    radii_px: FloatArray
 
     def at_samples(self, picture: BoolArray) -> BoolArray:
         """Values (N,) of a picture (H, W) at the samples' upper left pixels."""
@@ -39,30 +43,47 @@ class ScanLines:
 
 
 def build_scan_lines(
-    camera: OmniCamera, radial: int, circles: int, inner_px: float, outer_px: float, fill_from: float = FILL_FROM
+    camera: OmniCamera,
+    radial: int,
+    circles: int,
+    inner_px: float,
+    outer_px: float,
+    fill_from: float = FILL_FROM,
+    line_width_m: float = 0.0,
 ) -> ScanLines:
     """`radial` rays from `inner_px` to `outer_px`, as many short ones between them that start at `fill_from` of the
-    outer radius, and `circles` circles at equal distances in the image. All stay two pixels inside the image.
+    outer radius, and `circles` circles at equal distances in the image. All stay two pixels inside the image. Where a
+    line so wide takes many pixels, up to two lie between samples.
     Raises InputError for more than 10⁷ samples.
     """
-    count = 2.0 * radial * (outer_px - inner_px) + circles * (np.pi * (inner_px + outer_px) + _CIRCLE_OVERLAP_PX)
+    count = 2.0 * radial * (outer_px - inner_px) + circles * (np.pi * (inner_px + outer_px) + _CIRCLE_OVERLAP)
     if count > _MAX_SAMPLES:
         raise InputError(
             f"{radial} radial scan lines and {circles} circles up to {outer_px:g} px have {count:.2g} samples; "
             f"{_MAX_SAMPLES} are the most"
         )
     u0, v0 = camera.center
+    range_m = camera.range_m.mean(axis=0)
+    m_px = np.gradient(range_m, camera.radius_px)
+
+    def step_px(metres_px: float) -> float:
+        return min(max(line_width_m / (_SAMPLES_A_LINE * metres_px), 1.0), _MAX_STEP_PX)
+
+    ray_px = [inner_px]
+    while ray_px[-1] < outer_px:
+        ray_px.append(ray_px[-1] + step_px(float(np.interp(ray_px[-1], camera.radius_px, m_px))))
+    radii_px = np.array(ray_px[:-1])
     paths: list[FloatArray] = []
     closed: list[int] = []
     for index in range(2 * radial):
         angle = np.pi * index / radial
         first = inner_px if index % 2 == 0 else max(inner_px, fill_from * outer_px)
-        radii = np.arange(first, outer_px)
+        radii = radii_px[radii_px >= first]
         paths.append(np.column_stack((u0 + radii * np.cos(angle), v0 + radii * np.sin(angle))))
         closed.append(0)
     for radius in np.linspace(inner_px, outer_px, circles + 2)[1:-1]:
-        count = round(2.0 * np.pi * radius)
-        angles = 2.0 * np.pi / count * np.arange(count + _CIRCLE_OVERLAP_PX)
+        count = round(2.0 * np.pi * radius / step_px(float(np.interp(radius, camera.radius_px, range_m)) / radius))
+        angles = 2.0 * np.pi / count * np.arange(count + _CIRCLE_OVERLAP)
         paths.append(np.column_stack((u0 + radius * np.cos(angles), v0 + radius * np.sin(angles))))
         closed.append(count)
     pieces = [piece for path, count in zip(paths, closed, strict=True) for piece in _inside(path, count, camera)]
@@ -72,7 +93,7 @@ def build_scan_lines(
     whole = np.floor(samples)
     corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
     shares = np.ascontiguousarray((samples - whole).T, np.float32)
-    return ScanLines(samples, starts, lengths, corners, shares)
+    return ScanLines(samples, starts, lengths, corners, shares, radii_px)
 
 
 def usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
