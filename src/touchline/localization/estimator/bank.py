@@ -39,6 +39,7 @@ SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a 
 MAX_SHOVE_M, MAX_SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot
 SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
+MET = 0.9  # from which none is, and the image is not registered alone
 MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
 MAX_MEMBERS = 12
 REPEATED_IMAGES = 10.0  # over which the evidence of others repeats itself
@@ -301,7 +302,8 @@ class Bank:
         assert one.fit is not None
         step, distance2 = one.filter.innovation(one.fit, self.statistics.per_image)
         seen = image.seen
-        if not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
+        met = distance2 <= self.shoves.gate and one.explained >= MET  # nothing is left to be explained better
+        if met or not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
         pose, log_likelihood = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)

@@ -330,7 +330,7 @@ class Integrity:
             knowing = bank.knowing
             spread = knowing.error_covariance + bank.statistics.per_image
             camera = Camera(knowing.errors, spread, bank.trust.free_fit)
-            sighting = self.motion.update(stamp_ns, image, camera, best.fit.state[:3], jump.elsewhere)
+            sighting = self.motion.update(stamp_ns, image, camera, best.fit, jump.elsewhere)
             if sighting.learned and not self.relation.clock_s:  # the images before were seen by an unknown camera
                 self.relation.reset()
                 self._moves_proved = self._turns_proved = False

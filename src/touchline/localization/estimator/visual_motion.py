@@ -11,15 +11,18 @@ from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.estimator.bank import Image
 from touchline.localization.registration.attitudes import fit_leaning
 from touchline.localization.registration.covariance import widest_m
-from touchline.localization.registration.joint import StatePrior
+from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import FOLLOWING, UNSETTLED, Registration
-from touchline.matrices import add_to, inverse, plus
+from touchline.matrices import add_to, applied, inverse, plus
 
 LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only images know
 MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
 MAX_SPARSE_S = 3.0  # between images all round, over which they are still steps of one chain
 MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
+# of a fit to that of its image alone, and from where the image before and its velocity put it: as near as a registration
+# begins (`FOLLOWING`)
+STEP_M, STEP_RAD, NEAR_M, NEAR_RAD = 0.02, 0.01, 0.15, 0.1
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 BLURRED_M = 0.04  # standard deviation of a pose from which a sector shows little
@@ -83,19 +86,19 @@ class VisualMotion:
         cosine, sine = math.cos(heading), math.sin(heading)
         return cosine * x + sine * y, cosine * y - sine * x, turn
 
-    def update(self, stamp_ns: int, image: Image, camera: Camera, found: FloatArray, elsewhere: bool) -> Sighting:
-        """Take an image. found (3,): pose at which the system has it, where the chain begins, or begins anew.
-
-        elsewhere: whether it was found anew.
+    def update(self, stamp_ns: int, image: Image, camera: Camera, fit: StateFit, elsewhere: bool) -> Sighting:
+        """Take an image. fit: the system's, at whose pose the chain begins, or begins anew; elsewhere: whether it was
+        found anew.
         """
-        last = self.last
+        last, found = self.last, fit.state[:3]
         seconds = math.inf if last is None else 1e-9 * (stamp_ns - last.stamp_ns)
         if last is None or seconds > MAX_GAP_S:
             begun = seconds > MAX_SPARSE_S or elsewhere or not camera.all_round
             best = self._registered(stamp_ns, image, camera, found)._replace(begun=begun)
             self._velocity = np.zeros(3)
         else:
-            best = self._registered(stamp_ns, image, camera, last.pose + seconds * self._velocity, FOLLOWING)
+            start = last.pose + seconds * self._velocity
+            best = _alone(stamp_ns, camera, fit, start) or self._registered(stamp_ns, image, camera, start, FOLLOWING)
             if best.explained < MIN_EXPLAINED or not camera.all_round:
                 moving, still = best, self._registered(stamp_ns, image, camera, last.pose)
                 best = max(moving, still, key=lambda one: one.log_likelihood)
@@ -133,6 +136,37 @@ class VisualMotion:
         covariance = _told_alone(covariance, joint.explained) if camera.all_round else SECTOR_RATIO * covariance
         blurred = not camera.all_round and widest_m(covariance) > BLURRED_M
         return Sighting(stamp_ns, joint.state[:3], covariance, joint.explained, joint.log_likelihood, False, blurred)
+
+
+def _alone(stamp_ns: int, camera: Camera, fit: StateFit, start: FloatArray) -> Sighting | None:
+    """What an image all round tells alone, by the system's fit of it without what that expected, which is a step of
+    millimetres nearly always; None where it is more, or leads elsewhere than from the image before.
+    """
+    if not camera.all_round or fit.explained < MIN_EXPLAINED:
+        return None
+    pose, covariance = np.empty(3), np.empty((3, 3))
+    if not _step_alone(fit.state, fit.information, fit.gradient, start, camera.errors, camera.covariance, pose, covariance):
+        return None
+    covariance = _told_alone(covariance, fit.explained)
+    return Sighting(stamp_ns, pose, covariance, fit.explained, fit.log_likelihood, False)
+
+
+@njit(cache=True)
+def _step_alone(state, information, gradient, start, errors, spread, pose, covariance):  # type: ignore[no-untyped-def]
+    """Fill the pose (3,) and its covariance (3, 3) to which one step leads from a fit's state (S,), as if it had begun
+    at `start` (3,); whether the step is small and ends near that start. errors (S - 3,), spread: of the camera.
+    """
+    expected, off = np.zeros(information.shape), np.empty(len(state))
+    _expect(spread, expected)
+    for a in range(len(state)):
+        off[a] = (start[a] if a < 3 else errors[a - 3]) - state[a]
+    off[2] -= 2.0 * math.pi * round(off[2] / (2.0 * math.pi))
+    step = applied(inverse(plus(information, expected, 1.0)), gradient + applied(expected, off))
+    _spread(information, expected, covariance)
+    for a in range(3):
+        pose[a] = start[a] - off[a] + step[a]
+    is_small = math.hypot(step[0], step[1]) <= STEP_M and abs(step[2]) <= STEP_RAD
+    return is_small and math.hypot(off[0], off[1]) <= NEAR_M and abs(off[2]) <= NEAR_RAD
 
 
 @njit(cache=True)
