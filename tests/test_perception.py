@@ -352,7 +352,7 @@ def test_the_greens_end_bridges_lines_but_not_walls() -> None:
             classes[first + 70 : first + length] = 0  # a wall on one side
     classes[starts[8] : starts[9]] = 0  # a rod along one ray
     ends = np.zeros(rays)
-    green_ends(starts, rays, samples_of(classes), np.full(length, 10, np.int64), 40.0, ends)
+    green_ends(starts, rays, samples_of(classes), np.full(length, 10, np.int64), 40.0 + np.arange(length), ends)
     np.testing.assert_array_equal(ends, [109.0] * 12 + [139.0] * 12)
     angles = np.array([0.25, 0.25, 0.75, 0.75]) * 2 * np.pi
     radii = np.array([105.0, 115.0, 115.0, 145.0])
@@ -376,7 +376,7 @@ def test_overexposed_ground_does_not_end_the_green() -> None:
         classes[starts[2 * ray] + 20 : starts[2 * ray] + 60] = 2
     ends = np.zeros(12)
     for grey, end in ((200.0, 59.0), (255.0, 139.0)):
-        green_ends(starts, 12, samples_of(classes, grey), np.full(100, 10, np.int64), 40.0, ends)
+        green_ends(starts, 12, samples_of(classes, grey), np.full(100, 10, np.int64), 40.0 + np.arange(100), ends)
         np.testing.assert_array_equal(ends, end)
 
 

@@ -50,7 +50,7 @@ def sample_paths(
     """
     # from every byte on: a pixel and the next one
     words = np.ndarray((image.size - 7,), np.uint64, image, 0, (1,))
-    greens, _ = _fill(words, 3 * image.shape[1], (lines.corners, lines.shares), own, signal, table, samples)
+    greens, _ = _fill(words, 3 * image.shape[1], (lines.corners, lines.shares, lines.span), own, signal, table, samples)
     return int(greens)
 
 
@@ -60,9 +60,9 @@ def _fill(words, width, places, own, signal, table, samples):  # type: ignore[no
     integers, as only these have them to and from floats.
     """
     values, classes, pixels = samples
-    corners, shares = places
+    corners, shares, (begin, end) = places
     cells, below = table.reshape(-1), np.uint64(width)  # unsigned: none can count from the end
-    fetched = _fetched(words)
+    fetched = _fetched(words[begin:end])
     for first in range(0, len(corners), CHUNK):
         last = min(first + CHUNK, len(corners))
         for k in range(last - first):

@@ -15,19 +15,19 @@ from touchline.geometry import BoolArray, Float32Array, FloatArray, Int32Array, 
 FILL_FROM = 0.5  # share of the outer radius from which short rays stand between the others
 _MAX_SAMPLES = 10_000_000
 _CIRCLE_OVERLAP = 60  # samples by which a circle goes on past its start so that a line lying there is seen whole
-_SAMPLES_A_LINE = 4.5  # that tell both of its edges
-_MAX_STEP_PX = 2.0  # farther apart, samples miss the blur of an edge
+_SAMPLES_A_LINE = 3.5  # that tell both of its edges
+_MAX_STEP_PX = 2.5  # farther apart, samples miss the blur of an edge
 
 
 @dataclass(frozen=True, eq=False)
 class ScanLines:
-    """Paths of samples one to two pixels apart.
+    """Paths of samples, one pixel apart or up to two and a half.
 
     samples: (N, 2) u, v of all paths, one after the other. starts: (P + 1,) first sample of each path.
     closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
     corners: (N,) index of the sample's upper left pixel's first channel in an image laid flat; shares: (2, N) how far
     the sample is on its way to the next pixel in u and v. Both for bilinear look-up.
-    radii_px: (R,) of the samples of a full ray.
+    span: of the corners, the lower ones included. radii_px: (R,) of the samples of a full ray.
     """
 
     samples: FloatArray
@@ -35,6 +35,7 @@ class ScanLines:
     closed: IntArray
     corners: Int32Array
     shares: Float32Array
+    span: tuple[int, int]
     radii_px: FloatArray
 
     def at_samples(self, picture: BoolArray) -> BoolArray:
@@ -53,7 +54,7 @@ def build_scan_lines(
 ) -> ScanLines:
     """`radial` rays from `inner_px` to `outer_px`, as many short ones between them that start at `fill_from` of the
     outer radius, and `circles` circles at equal distances in the image. All stay two pixels inside the image. Where a
-    line so wide takes many pixels, up to two lie between samples.
+    line so wide takes many pixels, samples stand farther apart than one.
     Raises InputError for more than 10⁷ samples.
     """
     count = 2.0 * radial * (outer_px - inner_px) + circles * (np.pi * (inner_px + outer_px) + _CIRCLE_OVERLAP)
@@ -93,7 +94,8 @@ def build_scan_lines(
     whole = np.floor(samples)
     corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
     shares = np.ascontiguousarray((samples - whole).T, np.float32)
-    return ScanLines(samples, starts, lengths, corners, shares, radii_px)
+    span = (int(corners.min()), int(corners.max()) + 3 * camera.width) if len(corners) else (0, 0)
+    return ScanLines(samples, starts, lengths, corners, shares, span, radii_px)
 
 
 def usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:

@@ -20,8 +20,8 @@ LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only image
 MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
 MAX_SPARSE_S = 3.0  # between images all round, over which they are still steps of one chain
 MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
-# of a fit to that of its image alone, and from where the image before and its velocity put it: as near as a registration
-# begins (`FOLLOWING`)
+# of a fit to that of its image alone, and from where the image before and its velocity put it: from so near a
+# registration comes to the same
 STEP_M, STEP_RAD, NEAR_M, NEAR_RAD = 0.02, 0.01, 0.15, 0.1
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
@@ -145,10 +145,11 @@ def _alone(stamp_ns: int, camera: Camera, fit: StateFit, start: FloatArray) -> S
     if not camera.all_round or fit.explained < MIN_EXPLAINED:
         return None
     pose, covariance = np.empty(3), np.empty((3, 3))
-    if not _step_alone(fit.state, fit.information, fit.gradient, start, camera.errors, camera.covariance, pose, covariance):
+    told = fit.state, fit.information, fit.gradient
+    if not _step_alone(*told, start, camera.errors, camera.covariance, pose, covariance):
         return None
-    covariance = _told_alone(covariance, fit.explained)
-    return Sighting(stamp_ns, pose, covariance, fit.explained, fit.log_likelihood, False)
+    told_alone = _told_alone(covariance, fit.explained)
+    return Sighting(stamp_ns, pose, told_alone, fit.explained, fit.log_likelihood, False)
 
 
 @njit(cache=True)
