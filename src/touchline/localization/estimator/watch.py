@@ -13,7 +13,7 @@ from touchline.localization.registration.seen import POINT_SHARE, evenly_counted
 from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
 from touchline.localization.search.pose_search import Known, Mode
 
-PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
+PARTS = 5  # of the headings: a fifth of them, in a third of the images, delays none by a whole search
 HOPELESS = 40.0  # logarithm of odds of line points against the pose that is followed from which another is not tried
 NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
 
