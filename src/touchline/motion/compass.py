@@ -33,7 +33,7 @@ class Compass:
     def __init__(self, settings: CompassTrackSettings, gyro: IntegratedGyro) -> None:
         """gyro: tells the turning rate while the compass has not reported yet."""
         self.settings = settings
-        self.samples = SampleHistory(columns=1, angles=(0,))
+        self.samples = SampleHistory(columns=1, angle=0)
         self.gyro = gyro
 
     def heading_at(self, stamp_ns: int) -> float | None:

@@ -62,16 +62,16 @@ class SampleHistory:
     """Samples of one sensor in the order of time, until `forget_before`.
 
     Rows with a value that is no number or too large, and rows that don't come after the newest are left out and counted
-    in `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
+    in `dropped`. `angle`: the column that holds one (rad); it is unwrapped here and interpolates the short way.
     """
 
     # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much. `arrays` is made of what
     # is new when somebody asks for it.
 
-    def __init__(self, columns: int, angles: tuple[int, ...] = ()) -> None:
+    def __init__(self, columns: int, angle: int | None = None) -> None:
         self.dropped = 0
         self._columns = columns
-        self._angles = angles
+        self._angle = angle
         self._arrays: tuple[IntArray, FloatArray] | None = None  # views of the newest times and table
         self.clear()
 
@@ -97,15 +97,15 @@ class SampleHistory:
         """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
         if samples is None:
             return
-        stamps_ns, rows = self._stamps_ns, self._rows
+        stamps_ns, rows, angle = self._stamps_ns, self._rows, self._angle
         newest_ns, self._arrays = stamps_ns[-1] if stamps_ns else -math.inf, None
+        last = 0.0 if angle is None or not rows else rows[-1][angle]
         for stamp_ns, row in zip(samples.stamp_ns.tolist(), samples.values[:, : self._columns].tolist(), strict=True):
             if not (math.hypot(*row) < MAX_VALUE and stamp_ns > newest_ns):
                 self.dropped += 1
                 continue
-            for column in self._angles:
-                last = rows[-1][column] if rows else 0.0
-                row[column] = last + math.remainder(row[column] - last, _FULL_TURN)
+            if angle is not None:
+                row[angle] = last = last + math.remainder(row[angle] - last, _FULL_TURN)
             newest_ns = stamp_ns
             stamps_ns.append(stamp_ns)
             rows.append(row)
