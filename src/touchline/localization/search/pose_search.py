@@ -175,6 +175,8 @@ class PoseSearch:
         errors = self._coarse.errors(_some(points, COARSE_POINTS), window)
         close = min(count, CLOSE_STARTS)
         together = self._coarse.smallest(errors, close, window, neighbours=0)
+        if close == count:
+            return together
         return np.concatenate((together, self._coarse.smallest(errors, count - close, window, neighbours=1)))
 
 
