@@ -39,7 +39,6 @@ SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a 
 MAX_SHOVE_M, MAX_SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot
 SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
-MET = 0.9  # from which none is, and the image is not registered alone
 MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
 MAX_MEMBERS = 12
 REPEATED_IMAGES = 10.0  # over which the evidence of others repeats itself
@@ -47,6 +46,7 @@ MAX_MEASURED_GAIN = 4.0  # largest log-odds that a further measurement takes fro
 SAME_M, SAME_RAD = 0.25, 0.12  # members nearer than this are one
 SPARSE = 5.0  # points that alone show a direction, whose information counts half
 FEATURE_POINTS = 20.0  # as so many points a crossing or a landmark shows where it is
+PLAIN = 0.9  # share explained from which a pose that was predicted is not doubted: a closer look tells nothing
 MIN_EXPLAINED = 0.4  # share of what is seen that a pose has to explain to be corrected by it
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 START_STEP = 1.2  # standard deviations from a given pose to the starts about it
@@ -301,9 +301,8 @@ class Bank:
         """How far the image that a member was fitted to lies from its prediction."""
         assert one.fit is not None
         step, distance2 = one.filter.innovation(one.fit, self.statistics.per_image)
-        seen = image.seen
-        met = distance2 <= self.shoves.gate and one.explained >= MET  # nothing is left to be explained better
-        if met or not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
+        seen, plain = image.seen, one.explained >= PLAIN and distance2 <= self.shoves.gate
+        if plain or not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
         pose, log_likelihood = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
@@ -363,7 +362,7 @@ class Bank:
     def _share_of(self, best: Member, image: Image) -> float:
         """What registration explains; of line points more, where what it does not explain are things, no lines."""
         seen, fit = image.seen, best.fit
-        if fit is None or seen.crude or image.has_lines or len(seen.raw_m):
+        if fit is None or best.explained >= PLAIN or seen.crude or image.has_lines or len(seen.raw_m):
             return best.explained
         table = self.registration.table
         return max(best.explained, share_at(seen.positions_m, seen.covariances_m2, fit.state, image.response, table))
