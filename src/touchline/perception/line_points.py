@@ -39,7 +39,7 @@ from touchline.perception.profiles import (
     dim_carpet,
     find_line_profiles,
 )
-from touchline.perception.scan_lines import FILL_FROM, ScanLines, build_scan_lines, usable_radius
+from touchline.perception.scan_lines import FILL_FROM, MAX_STEP_PX, ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import (
     BODY_PAINT,
     BOUNDARY_PAINT,
@@ -289,7 +289,7 @@ class LinePointDetector:
         lines, s, camera = self.scan_lines, self.settings, self.camera
         limits = ProfileLimits(
             min_contrast=max(s.min_contrast, MIN_SIGMAS * self._noise),
-            max_run_px=MAX_RUN_PX // 2,
+            max_run=int(MAX_RUN_PX / MAX_STEP_PX),
             min_chord_m=0.5 * self.line_width_m,
             max_chord_m=STEEPEST_CROSSING * self._paint_m,
             blur_px=BLUR_PX,

@@ -56,14 +56,14 @@ def dim_carpet(model: ColourModel) -> DimCarpet:
 class ProfileLimits(NamedTuple):
     """What the profile of a line has to be like: `LinePointSettings` for this paint and this noise.
 
-    min_contrast: height as a share of white over green. max_run_px: from green to green.
+    min_contrast: height as a share of white over green. max_run: samples from green to green.
     min_chord_m, max_chord_m: way through the paint, which blur_px may make longer. min_cosine: of the excess to white.
     carpet: its green, to know carpet that is too dark for the colour classes. dark_floor: whether a line may have
     darker floor instead of carpet on one side.
     """
 
     min_contrast: float
-    max_run_px: int
+    max_run: int
     min_chord_m: float
     max_chord_m: float
     blur_px: float
@@ -127,9 +127,9 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
     foot, base, steps = -1, np.inf, 0
     found_blue = found_green = found_red = 0.0
-    for m in range(1, min(limits.max_run_px + 1, room) + 1):
+    for m in range(1, min(limits.max_run + 1, room) + 1):
         k = np.uint64(peak + step * m)
-        if foot < 0 and m >= limits.max_run_px:
+        if foot < 0 and m >= limits.max_run:
             break
         if foot < 0 and top - values[LEVEL, k] < least:
             continue
@@ -167,7 +167,7 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
     foot, base, steps = -1, np.inf, 0
     blue = green = red = 0.0
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
-    for m in range(1, min(limits.max_run_px, room) + 1):
+    for m in range(1, min(limits.max_run, room) + 1):
         k = np.uint64(peak + step * m)
         if top - values[LEVEL, k] < 0.5 * limits.min_contrast:
             continue
@@ -308,7 +308,7 @@ def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[n
             return 0.0, False
         feet, bases, brighter = (feet[1], foot), (bases[1], base), max(brighter, blue + green + red)
         means[side, 0], means[side, 1], means[side, 2] = blue, green, red
-    if feet[1] - feet[0] > limits.max_run_px:
+    if feet[1] - feet[0] > limits.max_run:
         return 0.0, False
     if brighter <= limits.carpet.max_sum:  # dark on both sides: robots wear white, too
         return 0.0, False
@@ -409,8 +409,8 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     green, white = paint
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
-    levels, distances = values[LEVEL], _distances(limits.max_run_px)
-    (floors, rises), rise = _rises(levels, limits.max_run_px), 0.5 * limits.min_contrast
+    levels, distances = values[LEVEL], _distances(limits.max_run)
+    (floors, rises), rise = _rises(levels, limits.max_run), 0.5 * limits.min_contrast
     found = 0
     for p in range(len(starts) - 1):
         span = (starts[p], starts[p + 1])

@@ -16,12 +16,12 @@ FILL_FROM = 0.5  # share of the outer radius from which short rays stand between
 _MAX_SAMPLES = 10_000_000
 _CIRCLE_OVERLAP = 60  # samples by which a circle goes on past its start so that a line lying there is seen whole
 _SAMPLES_A_LINE = 3.5  # that tell both of its edges
-_MAX_STEP_PX = 2.5  # farther apart, samples miss the blur of an edge
+MAX_STEP_PX = 1.5  # farther apart, what is far thinner than a line looks as wide as one
 
 
 @dataclass(frozen=True, eq=False)
 class ScanLines:
-    """Paths of samples, one pixel apart or up to two and a half.
+    """Paths of samples, one pixel apart or up to one and a half.
 
     samples: (N, 2) u, v of all paths, one after the other. starts: (P + 1,) first sample of each path.
     closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
@@ -68,7 +68,7 @@ def build_scan_lines(
     m_px = np.gradient(range_m, camera.radius_px)
 
     def step_px(metres_px: float) -> float:
-        return min(max(line_width_m / (_SAMPLES_A_LINE * metres_px), 1.0), _MAX_STEP_PX)
+        return min(max(line_width_m / (_SAMPLES_A_LINE * metres_px), 1.0), MAX_STEP_PX)
 
     ray_px = [inner_px]
     while ray_px[-1] < outer_px:

@@ -12,7 +12,6 @@ from touchline.perception.detector import image_of, with_lean
 from touchline.perception.line_points import NOISE_M, LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, Observation
 
-TINT_EVERY = 4  # images from one in which the light's tint is followed to the next: clouds and lamps are slower
 FADED_GREEN = 0.6  # share of the usual green below which the light is believed to have changed; robots hide a third
 # images in a row with faded green before the colours are learned again: a robot that hides the view for a moment
 # changes nothing
@@ -112,7 +111,6 @@ class SelfLearningDetector:
         self._kept: ColourModel | None = None if file is None else load_colours(file)
         self._first = FirstImages(self.settings.frames)
         self._faded_image: ImageArray | None = None
-        self._images = 0  # detected in
 
     @property
     def learns_colours(self) -> bool:
@@ -124,7 +122,6 @@ class SelfLearningDetector:
         self.detector.forget()
         self._first.begin()
         self._faded_image = None
-        self._images = 0
 
     def observe(self, frame: Frame) -> Observation:
         """Line points of a frame's image, none where no carpet is seen. Raises InputError for one of another size."""
@@ -137,9 +134,8 @@ class SelfLearningDetector:
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
         detector = self.detector
-        if self._kept is None and self.settings.paper.again and self._images % TINT_EVERY == 0:
+        if self._kept is None and self.settings.paper.again:
             detector.follow(image)
-        self._images += 1
         points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)
         if self._kept is None and self.settings.paper.again and self._first.watch(detector.green_share):
             self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave
