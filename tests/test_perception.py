@@ -324,6 +324,19 @@ def test_sampling_is_bilinear() -> None:
     np.testing.assert_array_equal(classes, np.where(body[i, j], BODY, table[b, g, r]))
 
 
+def test_samples_stand_farther_apart_where_a_line_takes_many_pixels_and_nowhere_by_more_than_half() -> None:
+    every, wide = (build_scan_lines(CAMERA, 72, 10, 42.0, 200.0, line_width_m=width) for width in (0.0, 0.125))
+    assert len(wide.samples) < 0.8 * len(every.samples)
+    np.testing.assert_allclose(np.diff(every.radii_px), 1.0)
+    steps = np.diff(wide.radii_px)
+    assert steps[0] == pytest.approx(1.5)
+    assert steps[-1] == pytest.approx(1.0)
+    range_m = CAMERA.range_m.mean(axis=0)
+    widths_px = 0.125 / np.gradient(range_m, CAMERA.radius_px)
+    least = np.interp(wide.radii_px[:-1], CAMERA.radius_px, widths_px) / steps
+    assert np.all((least > 3.49) | (steps == 1.0))
+
+
 def test_scan_lines_cover_all_directions_and_stay_inside() -> None:
     lines = build_scan_lines(CAMERA, 72, 10, 42.0, 200.0)
     assert len(lines.starts) == 2 * 72 + 10 + 1
