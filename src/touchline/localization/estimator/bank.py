@@ -227,26 +227,28 @@ class Bank:
         each = [
             (mode, odds) for mode, odds in zip(modes, carried, strict=True) if not self._is_followed(mode.pose, image)
         ]
-        new, before = (
-            [self._found(mode, image) for mode, _ in each],
-            max((m.log_odds for m in self.members), default=0.0),
-        )
-        every = [*self.members, *new]
-        if not every:
+        new = [self._found(mode, image) for mode, _ in each]
+        if not self.members and not new:
             return
+        if new or len(self.members) > 1:
+            self._weigh(new, [odds for _, odds in each], image)
+        self._fuse(image)
+        self._update_from_team(evidence)
+        self.share = self._share_of(self.members[0], image)
+
+    def _weigh(self, new: Sequence[Member], carried: Sequence[float], image: Image) -> None:
+        """Weigh the members and new ones, with the log-odds that the robot was moved there, by an image."""
+        every, before = [*self.members, *new], max((one.log_odds for one in self.members), default=0.0)
         self._weigh_unseen(every, image)
         top = max((one.log_evidence for one in self.members), default=math.inf)
         trust = self.trust.of(image.seen.crude)
-        for one, (_, odds) in zip(new, each, strict=True):
+        for one, odds in zip(new, carried, strict=True):
             one.log_odds = before + odds
             one.log_evidence = min(one.log_evidence, top + trust.found_gain)
         top = max(one.log_evidence for one in every)
         for one in every:
             one.log_odds += max(one.log_evidence - top, -trust.max_gain)
         self.members = sorted(every, key=lambda each: -each.log_odds)  # those that come together are one after that
-        self._fuse(image)
-        self._update_from_team(evidence)
-        self.share = self._share_of(self.members[0], image)
 
     def excuse(self, ratio: float) -> None:
         """What the likeliest pose does not explain counts as so much: it is clutter."""
