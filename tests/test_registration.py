@@ -165,6 +165,17 @@ def test_a_search_shared_out_among_images_finds_the_same(point_set: PointSet) ->
         assert min(best.pose.distance_to(truth), best.pose.mirrored().distance_to(truth)) < 0.2
 
 
+def test_modes_that_nobody_wants_are_left_early_and_the_wanted_one_is_found(point_set: PointSet) -> None:
+    search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
+    for k in range(20):
+        points = point_set.points[k]
+        best = search.everywhere(points.positions_m, points.covariances_m2)[0]
+        least = best.log_likelihood - 40.0
+        found = search.everywhere(points.positions_m, points.covariances_m2, (), (0, 1), least)
+        assert found[0].pose.distance_to(best.pose) < 1e-6
+        assert search.everywhere(points.positions_m, points.covariances_m2, (), (0, 1), least + 300.0) == ()
+
+
 def test_every_mode_has_its_probability(point_set: PointSet) -> None:
     search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
     points, truth = point_set.points[3], Pose(*point_set.truth[3])

@@ -4,6 +4,7 @@ Line points are looked for on a grid of poses (`PoseSearch`), lines, crossings a
 (`FeatureSearch`).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without errors (K,) of the camera, its line
     points (N, 2) without those that are known, and what is expected of pose and camera. all_round: whether it shows the
     whole field; pairs of the lines of a sector fit fewer places than its points, and tell how its camera leans.
-    attitudes: how many are searched.
+    attitudes: how many are searched. least: log-likelihood of line points below which a pose is not wanted.
     """
 
     seen: Seen
@@ -43,6 +44,7 @@ class Searched(NamedTuple):
     response: Response
     all_round: bool
     attitudes: int = LIKELY
+    least: float = -math.inf
 
 
 class FieldSearch:
@@ -68,7 +70,7 @@ class FieldSearch:
         mean = searched.expected.mean[3:]
         view = searched.view_at(mean)
         if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(view.lines.ends_m)):
-            found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
+            found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part, searched.least)
         if view.size:
             attitudes = self.attitudes(searched)
             views = [(each, view if np.array_equal(each, mean) else searched.view_at(each)) for each in attitudes]

@@ -39,6 +39,7 @@ COARSE_POINTS = 90  # so many at most, evenly taken, give the coarse errors
 SEARCH_POINTS = 60  # and so many, of a narrower view as many times fewer, which starts are worth more
 MIN_POINTS = 20  # at least for that
 HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
+UNFINISHED = 150.0  # by how much the log-likelihood of a start grows at most that is registered to the end
 # so many points count as one: what the likelihoods leave out is shared between points. Fitted to how often modes of
 # half views and sectors of 120 degrees are right (temperature scaling: Guo et al. 2017)
 TEMPERATURE = 1.5
@@ -89,10 +90,12 @@ class PoseSearch:
         covariances_m2: FloatArray,
         known: Sequence[Known] = (),
         part: tuple[int, int] = (0, 1),
+        least: float = -math.inf,
     ) -> tuple[Mode, ...]:
         """Modes on the whole field, the likeliest first; () without points.
 
-        part: which of so many parts of the headings, so that a search can be shared out among images.
+        part: which of so many parts of the headings, so that a search can be shared out among images. least:
+        log-likelihood of the points below which a mode is not wanted.
         """
         (index, parts), headings = part, self._grid.headings
         headings = headings[index * len(headings) // parts : (index + 1) * len(headings) // parts]
@@ -100,7 +103,7 @@ class PoseSearch:
         # on a symmetric field one half shows all, and a pose of the other is one's twin
         first = rows // 2 if self.symmetric else 0
         window, most = Window(first, rows - first, 0, columns, headings), (STARTS // parts, FINISHED // parts)
-        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric)
+        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric, least)
 
     def facing(
         self, positions_m: FloatArray, covariances_m2: FloatArray, heading_rad: float, sigma_rad: float
@@ -141,6 +144,7 @@ class PoseSearch:
         most: tuple[int, int],
         known: Sequence[Known] = (),
         twins: bool = False,
+        least: float = -math.inf,
     ) -> tuple[Mode, ...]:
         if len(points) == 0:
             return ()
@@ -151,6 +155,11 @@ class PoseSearch:
         few = max(round(SEARCH_POINTS * share), MIN_POINTS)
         some, spreads = _some(points, few), _some(covariances, few)
         first = self.registration.register_all(some, spreads, starts, SEARCHING)
+        of_all = len(points) / len(some) * first.log_likelihoods
+        wanted = np.flatnonzero(of_all > least - UNFINISHED)
+        if not len(wanted):
+            return ()
+        first = _picked(first, wanted)
         first = self._likely(first, view, len(some) / len(points))
         kept = distinct(first.poses, first.information, SAME, twins, most_finished)
         fits = self.registration.register_all(points, covariances, first.poses[kept], FINISHING)
