@@ -125,7 +125,7 @@ class SampleHistory:
         old = bisect_right(self._stamps_ns, stamp_ns) - 1
         if old > 0:
             del self._stamps_ns[:old], self._rows[:old]
-            self._begin = min(self._begin + old, self._end)
+            self._begin += min(old, self._end - self._begin)
             self._arrays = None
 
     def clear(self) -> None:
