@@ -125,14 +125,14 @@ class SampleHistory:
         old = bisect_right(self._stamps_ns, stamp_ns) - 1
         if old > 0:
             del self._stamps_ns[:old], self._rows[:old]
-            self._forgotten += old
+            self._begin += min(old, self._end - self._begin)
             self._arrays = None
 
     def clear(self) -> None:
         """Forget all samples."""
         self._stamps_ns: list[int] = []
         self._rows: list[list[float]] = []
-        self._forgotten = self._copied = self._begin = 0  # samples: forgotten, copied, and forgotten before the table
+        self._begin, self._end = 0, 0  # rows of the table that hold the oldest samples
         self._times, self._table = np.zeros(0, dtype=np.int64), np.zeros((0, self._columns))
         self._arrays = None
         self._slope: tuple[int, float, FloatArray] | None = None
@@ -140,20 +140,21 @@ class SampleHistory:
     @property
     def arrays(self) -> tuple[IntArray, FloatArray]:
         """Stamps (N,) and values (N, columns), not to be changed."""
-        if self._arrays is not None:
-            return self._arrays
-        end = self._forgotten + len(self)
-        if end - self._begin > len(self._times):
-            self._begin = self._copied = self._forgotten
-            self._times = np.empty(2 * len(self) + 64, dtype=np.int64)
-            self._table = np.empty((len(self._times), self._columns))
-        if end > self._copied:
-            new = slice(max(self._copied, self._forgotten) - self._begin, end - self._begin)
-            self._times[new] = self._stamps_ns[new.start - new.stop :]
-            self._table[new] = self._rows[new.start - new.stop :]
-            self._copied = end
-        known = slice(self._forgotten - self._begin, end - self._begin)
-        self._arrays = self._times[known], self._table[known]
+        if self._arrays is None:
+            begin, copied, end = self._begin, self._end, self._begin + len(self)
+            if end > len(self._times):
+                times, table, known = self._times, self._table, slice(begin, copied)
+                begin, copied, end = 0, copied - begin, len(self)
+                self._times, self._table = (
+                    np.empty(2 * end + 64, dtype=np.int64),
+                    np.empty((2 * end + 64, self._columns)),
+                )
+                self._times[:copied], self._table[:copied] = times[known], table[known]
+            if end > copied:
+                self._times[copied:end] = self._stamps_ns[copied - end :]
+                self._table[copied:end] = self._rows[copied - end :]
+            self._begin, self._end = begin, end
+            self._arrays = self._times[begin:end], self._table[begin:end]
         return self._arrays
 
     @property
