@@ -16,7 +16,7 @@ _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line 
 def gap_lengths(camera: OmniCamera, radii_px: FloatArray, gap_m: float) -> IntArray:
     """How many samples of a ray are `gap_m` on the ground at each of its samples, whose radii (S,) are given; (S,)."""
     slope = np.gradient(np.mean(camera.range_m, axis=0), camera.radius_px)
-    metres = np.interp(radii_px, camera.radius_px, slope) * np.gradient(radii_px)
+    metres = np.interp(radii_px, camera.radius_px, slope) * np.diff(radii_px, append=radii_px[-1:] + 1.0)
     return np.ceil(np.clip(gap_m / metres, 6, 80)).astype(np.int64)
 
 
