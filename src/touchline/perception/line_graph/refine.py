@@ -44,11 +44,11 @@ def refine_line(
     """
     focal = plane.lens.pinhole[0]
     rows = np.empty((_MAX_PROFILES + 2 * _MAX_BEYOND, _ROW))
-    sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
+    sure, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
     if not sure:  # thin lines may lie beside where the cells have them
-        sure, hits, misses = _along(pixels, plane, line, _CELLS_PX, rows)
+        sure, hits, misses = _along(pixels, plane, line, _CELLS_PX, 2.0 * _STEP_PX, rows)
         if sure:
-            sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
+            sure, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
             sure = sure and misses <= _MAX_MISSED * hits  # else it may be drawn from one line to another
     if not sure or is_covered(line, others[0], COVERED_PX / focal):
         return 0.0, 0
@@ -110,14 +110,14 @@ def _lean_of_halves(rows: FloatArray, use: IntArray, line: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _along(
-    pixels: Pixels, plane: ImagePlane, line: FloatArray, reach_px: float, rows: FloatArray
+    pixels: Pixels, plane: ImagePlane, line: FloatArray, reach_px: float, step_px: float, rows: FloatArray
 ) -> tuple[bool, int, int]:
     """Profiles along a line (4,), which is placed by those that show it, in place; these go into rows (N, 6).
 
     Returns whether enough do and agree, how many do and how many show none.
     """
     focal = plane.lens.pinhole[0]
-    steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / _STEP_PX)
+    steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / step_px)
     steps = min(max(steps, _MIN_PROFILES), _MAX_PROFILES)
     found = np.empty(PROFILE_ROOM)
     hits, misses = 0, 0
