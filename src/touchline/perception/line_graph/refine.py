@@ -44,15 +44,16 @@ def refine_line(
     """
     focal = plane.lens.pinhole[0]
     rows = np.empty((_MAX_PROFILES + 2 * _MAX_BEYOND, _ROW))
-    sure, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
-    if not sure:  # thin lines may lie beside where the cells have them
-        sure, hits, misses = _along(pixels, plane, line, _CELLS_PX, 2.0 * _STEP_PX, rows)
-        if sure:
-            sure, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
-            sure = sure and misses <= _MAX_MISSED * hits  # else it may be drawn from one line to another
-    if not sure or is_covered(line, others[0], COVERED_PX / focal):
+    use, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
+    if not len(use):  # thin lines may lie beside where the cells have them
+        use, hits, misses = _along(pixels, plane, line, _CELLS_PX, 2.0 * _STEP_PX, rows)
+        if len(use):
+            use, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
+            if misses > _MAX_MISSED * hits:  # it may be drawn from one line to another
+                return 0.0, 0
+    if not len(use) or is_covered(line, others[0], COVERED_PX / focal):
         return 0.0, 0
-    if is_bent(rows[:hits, 2:4], line, plane, others[1], _PLAIN * MIN_SAGITTA_PX):
+    if is_bent(rows[use, 2:4], line, plane, others[1], _PLAIN * MIN_SAGITTA_PX):
         return 0.0, 0
     for backward in (True, False):
         hits += _extend(pixels, plane, line, backward, rows[hits:])
@@ -111,10 +112,10 @@ def _lean_of_halves(rows: FloatArray, use: IntArray, line: FloatArray) -> float:
 @njit(cache=True, error_model="numpy")
 def _along(
     pixels: Pixels, plane: ImagePlane, line: FloatArray, reach_px: float, step_px: float, rows: FloatArray
-) -> tuple[bool, int, int]:
+) -> tuple[IntArray, int, int]:
     """Profiles along a line (4,), which is placed by those that show it, in place; these go into rows (N, 6).
 
-    Returns whether enough do and agree, how many do and how many show none.
+    Returns those that agree, none where these are not enough, how many show it and how many show none.
     """
     focal = plane.lens.pinhole[0]
     steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / step_px)
@@ -129,9 +130,9 @@ def _along(
         misses += shown == NO_LINE
         most = hits + steps - 1 - k
         if most < _MIN_POINTS or most < misses or most < 0.4 * steps:  # as nearly all candidates, that are none
-            return False, hits, misses
+            return np.empty(0, dtype=np.int64), hits, misses
     use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
-    return len(use) >= max(_MIN_POINTS, 0.6 * hits), hits, misses
+    return use[: len(use) if len(use) >= max(_MIN_POINTS, 0.6 * hits) else 0], hits, misses
 
 
 @njit(cache=True, error_model="numpy")
