@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import pickle
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -104,6 +105,22 @@ def test_a_robot_that_is_carried_away_is_found_at_once(shared_data: Path, compas
             assert 0.003 < twin[0].probability < 0.025
         else:
             assert twin[0].probability == pytest.approx(0.5, abs=0.005)
+
+
+def test_what_is_made_when_it_is_asked_for_is_that_of_its_image(shared_data: Path) -> None:
+    """Other hypotheses and the odometry's scales of an estimate do not change as the robot goes on."""
+    source = open_source(shared_data / "omni_msl_kidnap")
+    early, late = (open_system("touchline", robot_setup(source)) for _ in range(2))
+    kept = []
+    for image in itertools.islice(source, 40):
+        at_once, later = early.step(image), late.step(image)
+        kept.append((later, (repr(at_once.hypotheses), at_once.odometry, [h.covariance for h in at_once.hypotheses])))
+    assert any(one.hypotheses for one, _ in kept)
+    for one, (hypotheses, odometry, covariances) in kept:
+        again = pickle.loads(pickle.dumps(one))
+        assert repr(one.hypotheses) == repr(again.hypotheses) == hypotheses
+        assert one.odometry == again.odometry == odometry
+        np.testing.assert_array_equal([h.covariance for h in one.hypotheses], covariances)
 
 
 def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:

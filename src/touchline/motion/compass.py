@@ -33,7 +33,7 @@ class Compass:
     def __init__(self, settings: CompassTrackSettings, gyro: IntegratedGyro) -> None:
         """gyro: tells the turning rate while the compass has not reported yet."""
         self.settings = settings
-        self.samples = SampleHistory(columns=1, angles=(0,))
+        self.samples = SampleHistory(columns=1, angle=0)
         self.gyro = gyro
 
     def heading_at(self, stamp_ns: int) -> float | None:
@@ -48,10 +48,9 @@ class Compass:
         before_s = (self.samples.first_ns - wanted_ns) / NANOSECONDS
         if max(beyond_s - self.settings.lag_s, before_s) > MAX_AGE_S:
             return None
-        heading = self.samples.at(wanted_ns)[0]
-        if beyond_s > 0.0:
-            heading += self._rate_rad_s(stamp_ns, beyond_s) * beyond_s
-        return wrap_angle(heading)
+        if beyond_s <= 0.0:
+            return wrap_angle(self.samples.at(wanted_ns)[0])
+        return wrap_angle(self.samples.last[0] + self._rate_rad_s(stamp_ns, beyond_s) * beyond_s)
 
     def _rate_rad_s(self, stamp_ns: int, bridged_s: float) -> float:
         """Turning rate over the bridged time before the stamp."""

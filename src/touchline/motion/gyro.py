@@ -40,17 +40,17 @@ class IntegratedGyro:
 
     def add(self, samples: Samples) -> None:
         """Append readings gx, gy, gz (rad/s). Rows without a usable gz, or not later than the newest, are dropped."""
-        s, known = self.settings, self.integral.samples
+        known, scale, bias_rad_s = self.integral.samples, self.settings.scale, self.settings.bias_rad_s
         last_ns, (angle_rad, last_rad_s) = (known.last_ns, known.last) if len(known) else (None, [0.0, 0.0])
         for stamp_ns, reading in zip(samples.stamp_ns.tolist(), samples.values[:, 2].tolist(), strict=True):
             if not abs(reading) < MAX_VALUE or (last_ns is not None and stamp_ns <= last_ns):
                 self.dropped += 1
                 continue
-            duration_ns = 0 if last_ns is None else stamp_ns - last_ns
-            rate_rad_s = s.scale * (reading - s.bias_rad_s)
-            angle_rad += 0.5 * (last_rad_s + rate_rad_s) * duration_ns / NANOSECONDS
-            if last_ns is not None and duration_ns > GAP_S * NANOSECONDS:
-                self.integral.note_gap(last_ns, stamp_ns)
+            rate_rad_s = scale * (reading - bias_rad_s)
+            if last_ns is not None:
+                angle_rad += 0.5 * (last_rad_s + rate_rad_s) * (stamp_ns - last_ns) / NANOSECONDS
+                if stamp_ns - last_ns > GAP_S * NANOSECONDS:
+                    self.integral.note_gap(last_ns, stamp_ns)
             known.append(stamp_ns, [angle_rad, rate_rad_s])
             last_ns, last_rad_s = stamp_ns, rate_rad_s
 

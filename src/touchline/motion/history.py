@@ -17,6 +17,7 @@ from touchline.motion.wheels import WheelSettings
 from touchline.types import Frame, Samples
 
 _KEPT_NS = int(5.0 * NANOSECONDS)  # before the last frame: images come late by some tenths of a second
+_TIDY_NS = int(0.5 * NANOSECONDS)  # between two times at which older samples are forgotten
 _MAX_NS = int(60.0 * NANOSECONDS)  # without any frame, so that memory stays bounded
 _KEPT_MOTIONS = 8  # that were asked for since the last samples
 
@@ -63,6 +64,7 @@ class MotionHistory:
         self.compass = Compass(compass or CompassTrackSettings(), self.gyro)
         self.attitude = SampleHistory(columns=2)
         self.wheels: WheelOdometry | None = None
+        self._tidied_ns = 0
         self._motions: dict[tuple[int, int], Motion] = {}  # by stamps: an image's is asked for more than once
         self._sensors: dict[str, Sensor] = {
             "odometry": self.odometry.samples,
@@ -89,7 +91,8 @@ class MotionHistory:
         for name, samples in zip(("odometry", "wheels", "gyro", "compass", "attitude"), sensors, strict=True):
             if samples is not None:
                 self._take(name, samples)
-        if newest_ns is not None:
+        if newest_ns is not None and not 0 <= newest_ns - self._tidied_ns < _TIDY_NS:
+            self._tidied_ns = newest_ns
             for sensor in self._sensors.values():
                 sensor.forget_before(newest_ns - _KEPT_NS)
 

@@ -143,7 +143,7 @@ class Odometry:
 
     def __init__(self, settings: OdometrySettings) -> None:
         self.settings = settings
-        self.samples = SampleHistory(columns=3, angles=(2,))
+        self.samples = SampleHistory(columns=3, angle=2)
 
     def between(self, start_ns: int, end_ns: int) -> Motion:
         """The robot's motion from one stamp to a later one.

@@ -62,16 +62,16 @@ class SampleHistory:
     """Samples of one sensor in the order of time, until `forget_before`.
 
     Rows with a value that is no number or too large, and rows that don't come after the newest are left out and counted
-    in `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
+    in `dropped`. `angle`: the column that holds one (rad); it is unwrapped here and interpolates the short way.
     """
 
     # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much. `arrays` is made of what
     # is new when somebody asks for it.
 
-    def __init__(self, columns: int, angles: tuple[int, ...] = ()) -> None:
+    def __init__(self, columns: int, angle: int | None = None) -> None:
         self.dropped = 0
         self._columns = columns
-        self._angles = angles
+        self._angle = angle
         self._arrays: tuple[IntArray, FloatArray] | None = None  # views of the newest times and table
         self.clear()
 
@@ -97,15 +97,15 @@ class SampleHistory:
         """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
         if samples is None:
             return
-        stamps_ns, rows = self._stamps_ns, self._rows
+        stamps_ns, rows, angle = self._stamps_ns, self._rows, self._angle
         newest_ns, self._arrays = stamps_ns[-1] if stamps_ns else -math.inf, None
+        last = 0.0 if angle is None or not rows else rows[-1][angle]
         for stamp_ns, row in zip(samples.stamp_ns.tolist(), samples.values[:, : self._columns].tolist(), strict=True):
             if not (math.hypot(*row) < MAX_VALUE and stamp_ns > newest_ns):
                 self.dropped += 1
                 continue
-            for column in self._angles:
-                last = rows[-1][column] if rows else 0.0
-                row[column] = last + math.remainder(row[column] - last, _FULL_TURN)
+            if angle is not None:
+                row[angle] = last = last + math.remainder(row[angle] - last, _FULL_TURN)
             newest_ns = stamp_ns
             stamps_ns.append(stamp_ns)
             rows.append(row)
@@ -125,14 +125,14 @@ class SampleHistory:
         old = bisect_right(self._stamps_ns, stamp_ns) - 1
         if old > 0:
             del self._stamps_ns[:old], self._rows[:old]
-            self._forgotten += old
+            self._begin += min(old, self._end - self._begin)
             self._arrays = None
 
     def clear(self) -> None:
         """Forget all samples."""
         self._stamps_ns: list[int] = []
         self._rows: list[list[float]] = []
-        self._forgotten = self._copied = self._begin = 0  # samples: forgotten, copied, and forgotten before the table
+        self._begin, self._end = 0, 0  # rows of the table that hold the oldest samples
         self._times, self._table = np.zeros(0, dtype=np.int64), np.zeros((0, self._columns))
         self._arrays = None
         self._slope: tuple[int, float, FloatArray] | None = None
@@ -140,20 +140,21 @@ class SampleHistory:
     @property
     def arrays(self) -> tuple[IntArray, FloatArray]:
         """Stamps (N,) and values (N, columns), not to be changed."""
-        if self._arrays is not None:
-            return self._arrays
-        end = self._forgotten + len(self)
-        if end - self._begin > len(self._times):
-            self._begin = self._copied = self._forgotten
-            self._times = np.empty(2 * len(self) + 64, dtype=np.int64)
-            self._table = np.empty((len(self._times), self._columns))
-        if end > self._copied:
-            new = slice(max(self._copied, self._forgotten) - self._begin, end - self._begin)
-            self._times[new] = self._stamps_ns[new.start - new.stop :]
-            self._table[new] = self._rows[new.start - new.stop :]
-            self._copied = end
-        known = slice(self._forgotten - self._begin, end - self._begin)
-        self._arrays = self._times[known], self._table[known]
+        if self._arrays is None:
+            begin, copied, end = self._begin, self._end, self._begin + len(self)
+            if end > len(self._times):
+                times, table, known = self._times, self._table, slice(begin, copied)
+                begin, copied, end = 0, copied - begin, len(self)
+                self._times, self._table = (
+                    np.empty(2 * end + 64, dtype=np.int64),
+                    np.empty((2 * end + 64, self._columns)),
+                )
+                self._times[:copied], self._table[:copied] = times[known], table[known]
+            if end > copied:
+                self._times[copied:end] = self._stamps_ns[copied - end :]
+                self._table[copied:end] = self._rows[copied - end :]
+            self._begin, self._end = begin, end
+            self._arrays = self._times[begin:end], self._table[begin:end]
         return self._arrays
 
     @property

@@ -7,6 +7,7 @@ image ─▶ points, lines, features ─▶ registration from every hypothesis �
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pydantic import Field
@@ -20,7 +21,7 @@ from touchline.localization.estimator.believed import believed
 from touchline.localization.estimator.end_judge import EndJudge, Predicted, compass_error
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
-from touchline.localization.estimator.filter import Filter, InitialUncertainty
+from touchline.localization.estimator.filter import Filter, InitialUncertainty, scales_of
 from touchline.localization.estimator.gaze import Gaze
 from touchline.localization.estimator.measurements import MEASUREMENTS
 from touchline.localization.estimator.pose_status import Criteria, PoseStatus
@@ -45,6 +46,7 @@ from touchline.perception import detector_for, observe
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, Status, as_prior
+from touchline.types.estimate import later
 
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
 MAX_VIEW_RAD = 2.0  # within which all points lie that a perspective camera sees; a mirror shows lines all round
@@ -389,7 +391,7 @@ class Touchline:
             verdict.status,
             found.residual_m,
             sum(map(len, seen)),
-            tuple(found.others),
+            later(found.others),
             None if best is None or held is not None else self.bank.probabilities[0] * end,
             self.clock.perception_ms,
             self.clock.localization_ms,
@@ -401,7 +403,7 @@ class Touchline:
             end_probability=None if best is None else end,
             statistics=self.safeguard.integrity.statistics,
             gaze=self.gaze,
-            odometry=None if best is None else best.filter.odometry,
+            odometry=None if best is None else later(partial(scales_of, best.filter.mean, best.filter.joint)),
             camera_errors=None if best is None else best.filter.errors.copy(),
         )
 

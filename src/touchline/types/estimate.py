@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -17,6 +17,37 @@ from touchline.types.seen import Observation
 
 UNCONFIRMED = "not yet confirmed by motion"  # reason of a pose that explains its image, before the robot has moved
 _TWIN_M, _TWIN_RAD = 0.5, 0.5  # nearer than this to the turned pose a hypothesis is the twin
+
+
+_Value = TypeVar("_Value")
+
+
+class _Later(NamedTuple):
+    """A field of an `Estimate` that few ask for."""
+
+    make: Callable[[], Any]
+
+
+def later(make: Callable[[], _Value]) -> _Value:
+    """For one of `ON_DEMAND`: its value, made of what never changes by the first who asks for it."""
+    return cast(_Value, _Later(make))
+
+
+class _OnDemand:
+    """Makes a `later` value when it is asked for. slot: where it is kept."""
+
+    def __init__(self, slot: Any) -> None:
+        self._slot = slot
+
+    def __get__(self, one: Estimate, kind: type[Estimate]) -> Any:
+        value = self._slot.__get__(one, kind)
+        if type(value) is _Later:
+            value = value.make()
+            self._slot.__set__(one, value)
+        return value
+
+    def __set__(self, one: Estimate, value: Any) -> None:
+        self._slot.__set__(one, value)
 
 
 class Status(StrEnum):
@@ -228,6 +259,11 @@ class Estimate:
         full = np.zeros((6, 6))
         full[np.ix_((0, 1, 5), (0, 1, 5))] = self.covariance
         return full.ravel()
+
+
+ON_DEMAND = "hypotheses", "odometry"  # fields of an estimate that may be made `later`
+for _name in ON_DEMAND:
+    setattr(Estimate, _name, _OnDemand(getattr(Estimate, _name)))
 
 
 def _pose_tree(pose: Pose) -> dict[str, float]:

@@ -46,6 +46,7 @@ MAX_MEASURED_GAIN = 4.0  # largest log-odds that a further measurement takes fro
 SAME_M, SAME_RAD = 0.25, 0.12  # members nearer than this are one
 SPARSE = 5.0  # points that alone show a direction, whose information counts half
 FEATURE_POINTS = 20.0  # as so many points a crossing or a landmark shows where it is
+PLAIN = 0.9  # share explained from which a pose that was predicted is not doubted: a closer look tells nothing
 MIN_EXPLAINED = 0.4  # share of what is seen that a pose has to explain to be corrected by it
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 START_STEP = 1.2  # standard deviations from a given pose to the starts about it
@@ -226,26 +227,28 @@ class Bank:
         each = [
             (mode, odds) for mode, odds in zip(modes, carried, strict=True) if not self._is_followed(mode.pose, image)
         ]
-        new, before = (
-            [self._found(mode, image) for mode, _ in each],
-            max((m.log_odds for m in self.members), default=0.0),
-        )
-        every = [*self.members, *new]
-        if not every:
+        new = [self._found(mode, image) for mode, _ in each]
+        if not self.members and not new:
             return
+        if new or len(self.members) > 1:
+            self._weigh(new, [odds for _, odds in each], image)
+        self._fuse(image)
+        self._update_from_team(evidence)
+        self.share = self._share_of(self.members[0], image)
+
+    def _weigh(self, new: Sequence[Member], carried: Sequence[float], image: Image) -> None:
+        """Weigh the members and new ones, with the log-odds that the robot was moved there, by an image."""
+        every, before = [*self.members, *new], max((one.log_odds for one in self.members), default=0.0)
         self._weigh_unseen(every, image)
         top = max((one.log_evidence for one in self.members), default=math.inf)
         trust = self.trust.of(image.seen.crude)
-        for one, (_, odds) in zip(new, each, strict=True):
+        for one, odds in zip(new, carried, strict=True):
             one.log_odds = before + odds
             one.log_evidence = min(one.log_evidence, top + trust.found_gain)
         top = max(one.log_evidence for one in every)
         for one in every:
             one.log_odds += max(one.log_evidence - top, -trust.max_gain)
         self.members = sorted(every, key=lambda each: -each.log_odds)  # those that come together are one after that
-        self._fuse(image)
-        self._update_from_team(evidence)
-        self.share = self._share_of(self.members[0], image)
 
     def excuse(self, ratio: float) -> None:
         """What the likeliest pose does not explain counts as so much: it is clutter."""
@@ -300,8 +303,8 @@ class Bank:
         """How far the image that a member was fitted to lies from its prediction."""
         assert one.fit is not None
         step, distance2 = one.filter.innovation(one.fit, self.statistics.per_image)
-        seen = image.seen
-        if not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
+        seen, plain = image.seen, one.explained >= PLAIN and distance2 <= self.shoves.gate
+        if plain or not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()
         pose, log_likelihood = self.registration.fit_placed(seen, one.filter.errors, image.response, predicted)
@@ -361,7 +364,7 @@ class Bank:
     def _share_of(self, best: Member, image: Image) -> float:
         """What registration explains; of line points more, where what it does not explain are things, no lines."""
         seen, fit = image.seen, best.fit
-        if fit is None or seen.crude or image.has_lines or len(seen.raw_m):
+        if fit is None or best.explained >= PLAIN or seen.crude or image.has_lines or len(seen.raw_m):
             return best.explained
         table = self.registration.table
         return max(best.explained, share_at(seen.positions_m, seen.covariances_m2, fit.state, image.response, table))

@@ -25,15 +25,16 @@ CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 
 
 class Predicted(NamedTuple):
-    """The pose before an image, and how wide that is (3, 3)."""
+    """The pose before an image, and how wide that is (3, 3); beside (3, 3): what is added to that."""
 
     pose: Pose
     covariance: FloatArray
+    beside: FloatArray
 
     @classmethod
     def of(cls, followed: Member, trusted: bool) -> Self:
         """As the filter of the pose that is followed has it. trusted: whether all sensors are."""
-        return cls(followed.filter.pose, followed.filter.covariance + (AGREED if trusted else MISTRUSTED))
+        return cls(followed.filter.pose, followed.filter.covariance, AGREED if trusted else MISTRUSTED)
 
     def allows(self, found: Pose) -> bool:
         """Whether a robot that was predicted there may stand here, shoved or known so widely, and not at the twin."""
@@ -48,7 +49,7 @@ class Predicted(NamedTuple):
 
     def _distance2(self, pose: Pose) -> float:
         off = pose.minus(self.pose)
-        distance2 = float(off @ np.linalg.solve(self.covariance, off))
+        distance2 = float(off @ np.linalg.solve(self.covariance + self.beside, off))
         return distance2 if math.isfinite(distance2) else math.inf
 
 

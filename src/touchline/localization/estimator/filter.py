@@ -109,9 +109,7 @@ class Filter:
     @property
     def odometry(self) -> OdometryScales:
         """What it has learned of the odometry."""
-        ahead, aside, turn = self.mean[3:6].tolist()
-        deviations = [math.sqrt(variance) for variance in self.joint.diagonal()[3:6].tolist()]
-        return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
+        return scales_of(self.mean, self.joint)
 
     @property
     def delay_deviation_s(self) -> float:
@@ -221,3 +219,10 @@ class Filter:
         """
         squares = step_squares(self.mean, self.joint, self._measured, per_image, fit[:3], self._motion_noise)
         return squares, self._motion_noise.diagonal().tolist()
+
+
+def scales_of(mean: FloatArray, joint: FloatArray) -> OdometryScales:
+    """What is known of the odometry by the mean and the covariance of a filter."""
+    ahead, aside, turn = mean[3:6].tolist()
+    deviations = [math.sqrt(variance) for variance in joint.diagonal()[3:6].tolist()]
+    return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))

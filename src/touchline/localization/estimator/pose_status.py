@@ -10,6 +10,14 @@ from touchline.localization.registration.joint import Seen
 from touchline.types import Status
 
 NO_POSE = "no pose explains an image yet"
+_DOUBTS = (  # why no pose is tracked, the first that holds
+    "several poses are likely, or too few images support one",
+    "which end of the field is open",
+    "the image contradicts the pose",
+    "the pose explains {:.0f} % of what is seen of late",
+    "the pose is not known in all directions",
+    "nothing that the pose explains has been seen for too long",
+)
 BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
 
 
@@ -97,15 +105,9 @@ class PoseStatus:
         decided = likely and end.is_decided(self.criteria.min_probability)
         ratio = self._image_trust.tracked_ratio if tracked else 1.0
         unexplained = shown and self._explained < ratio * self.criteria.min_explained
-        doubts = (
-            (not likely, "several poses are likely, or too few images support one"),
-            (not decided, "which end of the field is open"),
-            (contradicted, "the image contradicts the pose"),
-            (unexplained, f"the pose explains {100.0 * self._explained:.0f} % of what is seen of late"),
-            (not is_observed(best.filter.covariance), "the pose is not known in all directions"),
-            (self.is_blind, "nothing that the pose explains has been seen for too long"),
-        )
-        self.reason = next((reason for doubted, reason in doubts if doubted), "")
+        known = is_observed(best.filter.covariance)
+        doubted = (not likely, not decided, contradicted, unexplained, not known, self.is_blind)
+        self.reason = _DOUBTS[doubted.index(True)].format(100.0 * self._explained) if True in doubted else ""
         if not self.reason:
             self.status, bank.confirmed = Status.TRACKING, True
         else:

@@ -135,7 +135,7 @@ class Safeguard:
         if self.held is None:
             return found
         doubted = Hypothesis(found.pose, found.residual_m, None, found.covariance)
-        return Believed(self.held.pose, self.held.covariance, found.residual_m, [*found.others, doubted])
+        return Believed(self.held.pose, self.held.covariance, found.residual_m, lambda: (*found.others(), doubted))
 
     def judge(
         self, judged: PoseStatus, unseen: str, covariance: FloatArray, stamp_ns: int, history: MotionHistory
@@ -212,7 +212,7 @@ class Safeguard:
 def _expected(held: Filter, seen: Filter, seconds: float) -> Predicted:
     """Where a pose that images show may be, by one that has been carried for so long."""
     may_be_off = MISTRUSTED * (1.0 + seconds / DOUBLED_S) ** 2
-    return Predicted(held.pose, held.covariance + seen.covariance + may_be_off)
+    return Predicted(held.pose, held.covariance + seen.covariance, may_be_off)
 
 
 def jump_of(best: Member | None, predicted: Predicted | None, expected: bool) -> Jump:

@@ -26,7 +26,8 @@ class CameraErrorStatistics:
     """
 
     def __init__(self, errors: CameraErrors) -> None:
-        self.errors = errors
+        self.errors, self._own = errors, np.zeros(errors.prior.shape)
+        self._own[0, 0] = self._own[1, 1] = 1.0
         self.reset()
 
     def reset(self) -> None:
@@ -35,9 +36,7 @@ class CameraErrorStatistics:
         self._lean(self.errors.lean.first)
 
     def _lean(self, deviation: float) -> None:
-        self.lean = deviation
-        self.per_image = np.zeros(self.errors.prior.shape)
-        self.per_image[0, 0] = self.per_image[1, 1] = deviation**2
+        self.lean, self.per_image = deviation, deviation**2 * self._own
 
     @property
     def lean_ratio(self) -> float:
