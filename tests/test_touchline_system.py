@@ -27,6 +27,7 @@ from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.game_states import game_prior
 from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.feature_model import FeatureModel, field_lines
+from touchline.localization.registration.registration import Registration
 from touchline.localization.registration.seen import seen_of
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
@@ -121,6 +122,21 @@ def test_what_is_made_when_it_is_asked_for_is_that_of_its_image(shared_data: Pat
         assert repr(one.hypotheses) == repr(again.hypotheses) == hypotheses
         assert one.odometry == again.odometry == odometry
         np.testing.assert_array_equal([h.covariance for h in one.hypotheses], covariances)
+
+
+def test_line_points_are_fitted_alone_only_where_the_prediction_leaves_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each image of a shoved robot is; none of one that stands where it was predicted."""
+    system, pose, fitted = open_system("touchline", RobotSetup(FIELD)), Pose(1.0, 0.5, 0.3), []
+    alone = Registration.fit_placed
+    monkeypatch.setattr(Registration, "fit_placed", lambda *given: fitted.append(1) or alone(*given))
+    system.reset(pose)
+    for k in range(6):
+        system.step(frame(k, seen(pose, k)))
+    assert not fitted
+    shoved = pose.compose(Pose(0.3, 0.1, 0.1))
+    estimate = system.step(frame(6, seen(shoved, 6)))
+    assert fitted
+    assert errors(estimate, shoved)[0] < 0.03
 
 
 def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
