@@ -66,10 +66,18 @@ class ColourModel:
 
 def look_up(table: ByteArray, image: ImageArray) -> ByteArray:
     """What a table (n, n, n) by equal parts of B, G, R, n a power of two, holds for each pixel of an image (…, 3)."""
-    entries = len(table)
-    steps = np.array([entries * entries, entries, 1], dtype=np.float32)  # products of floats are fast, and exact so far
-    coarse = (image >> (8 - entries.bit_length() + 1)).astype(np.float32)
-    return table.ravel().take((coarse @ steps).astype(np.intp))
+    found = np.empty(image.shape[:-1], dtype=np.uint8)
+    shift = 8 - len(table).bit_length() + 1
+    _look_up(table.view(np.uint8), np.ascontiguousarray(image).reshape(-1, 3), shift, found.reshape(-1))
+    return found.view(table.dtype)
+
+
+@njit(cache=True)
+def _look_up(table: ByteArray, colours: ByteArray, shift: int, found: ByteArray) -> None:
+    """What a table holds for colours (N, 3), each by its highest bits, into found (N,)."""
+    for i in range(len(colours)):
+        b, g, r = colours[i, 0] >> shift, colours[i, 1] >> shift, colours[i, 2] >> shift
+        found[i] = table[np.uint64(b), np.uint64(g), np.uint64(r)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from touchline.matrices import inverse
 
 REACH, STEP_RAD = 1.5, 0.025  # of the grid in standard deviations, and its widest step
 GOOD = 0.85  # share explained from which no other attitude is tried
-KNOWN_RAD = 0.015  # standard deviation of roll or pitch below which one attitude is searched
+KNOWN_RAD = 0.015  # standard deviation of roll or pitch below which no other attitude is searched or tried
 LIKELY = 8  # attitudes that are searched in images of a system
 MIN_SIGMA_RAD = 0.04  # of a line's direction: cameras have other errors, too
 STRAY = 0.02  # probability of a line that is none of the field's straight ones
@@ -47,13 +47,16 @@ def fit_leaning(
     registration: Registration, seen: Seen, start: FloatArray, expected: StatePrior, plan: Plan, response: Response
 ) -> StateFit:
     """Pose and camera errors as of `Registration.fit_state`; where they explain too little of what a perspective camera
-    sees, the likeliest that fits from other attitudes come to.
+    sees, whose attitude is not known well, the likeliest that fits from other attitudes come to.
     """
     fit = registration.fit_state(seen, start, expected, plan, response)
     if fit.explained >= GOOD or not isinstance(response, PerspectiveResponse):
         return fit
+    deviations = attitude_deviations(expected)
+    if deviations.max() < KNOWN_RAD:
+        return fit
     tried = [fit]
-    for offset in attitude_offsets(attitude_deviations(expected))[1:]:
+    for offset in attitude_offsets(deviations)[1:]:
         leaning = start.copy()
         leaning[3:5] += offset
         tried.append(registration.fit_state(seen, leaning, expected, plan, response))

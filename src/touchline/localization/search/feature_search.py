@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray, IntArray, as_pose
+from touchline.geometry import FloatArray, IntArray, Pose, as_pose, mirrored_covariance
 from touchline.localization.camera_errors.base import Response
 from touchline.localization.registration.covariance import ANYWHERE_INFORMATION
 from touchline.localization.registration.feature_model import FeatureView
@@ -21,6 +21,21 @@ START_M, START_RAD = 0.3, 0.2  # proposals nearer than this are one
 SAME_M, SAME_RAD = 0.3, 0.15  # and poses
 UNLIKELY = 12.0  # logarithm of odds against the best from which a pose is dropped
 MAX_ERROR_Z = 3.3  # standard deviations by which a camera error is believable
+
+
+class _Registered(NamedTuple):
+    """A fit, its pose or that at the other end of the field, and how likely this is with what else is known."""
+
+    fit: StateFit
+    pose: Pose
+    mirrored: bool
+    log_likelihood: float
+
+    def mode(self, probability: float, information: FloatArray) -> Mode:
+        """The same as a mode. information: of the prior."""
+        fit, covariance = self.fit, np.linalg.inv(self.fit.information + information)[:3, :3]
+        covariance = mirrored_covariance(covariance) if self.mirrored else covariance
+        return Mode(self.pose, covariance, probability, self.log_likelihood, fit.explained, fit.noise, fit.state[3:])
 
 
 class FeatureSearch:
@@ -44,7 +59,7 @@ class FeatureSearch:
         information[:3], information[:, :3] = 0.0, 0.0
         information[:3, :3] = ANYWHERE_INFORMATION
         deviations = np.sqrt(np.diag(np.linalg.inv(information))[3:])
-        found: list[Mode] = []
+        found: list[_Registered] = []
         for errors, view in views:
             proposed = self.proposals.of(view)
             order = np.argsort(-proposed.log_likelihoods, kind="stable")
@@ -55,26 +70,25 @@ class FeatureSearch:
                 fit = self.registration.fit_state(seen, start, prior, TRACKING, response)
                 off = fit.state[3:] - expected.mean[3:]
                 if (np.abs(off) <= MAX_ERROR_Z * deviations).all():
-                    found.append(self._mode(fit, information, known))
+                    found.append(self._registered(fit, known))
         if not found:
             return ()
-        found.sort(key=lambda mode: -mode.log_likelihood)
-        kept = [
-            found[k] for k in distinct(np.array([mode.pose for mode in found]).reshape(-1, 3), STARTS, SAME_M, SAME_RAD)
-        ]
-        kept = [mode for mode in kept if mode.log_likelihood > kept[0].log_likelihood - UNLIKELY]
-        total = sum(math.exp(mode.log_likelihood - kept[0].log_likelihood) for mode in kept)
-        return tuple(
-            replace(mode, probability=math.exp(mode.log_likelihood - kept[0].log_likelihood) / total) for mode in kept
-        )
+        found.sort(key=lambda one: -one.log_likelihood)
+        poses = np.array([(one.pose.x, one.pose.y, one.pose.heading) for one in found])
+        kept = [found[k] for k in distinct(poses, STARTS, SAME_M, SAME_RAD)]
+        top = kept[0].log_likelihood
+        kept = [one for one in kept if one.log_likelihood > top - UNLIKELY]
+        total = sum(math.exp(one.log_likelihood - top) for one in kept)
+        return tuple(one.mode(math.exp(one.log_likelihood - top) / total, information) for one in kept)
 
-    def _mode(self, fit: StateFit, information: FloatArray, known: Sequence[Known]) -> Mode:
-        covariance = np.linalg.inv(fit.information + information)[:3, :3]
-        mode = Mode(as_pose(fit.state), covariance, 1.0, fit.log_likelihood, fit.explained, fit.noise, fit.state[3:])
-        against = [sum(contradiction(pose, one) for one in known) for pose in (mode.pose, mode.pose.mirrored())]
-        if self.symmetric and against[1] < against[0]:
-            return replace(mode.mirrored(), log_likelihood=fit.log_likelihood - against[1])
-        return replace(mode, log_likelihood=fit.log_likelihood - against[0])
+    def _registered(self, fit: StateFit, known: Sequence[Known]) -> _Registered:
+        pose = as_pose(fit.state)
+        if not known:
+            return _Registered(fit, pose, False, fit.log_likelihood)
+        against = [sum(contradiction(each, one) for one in known) for each in (pose, pose.mirrored())]
+        mirrored = self.symmetric and against[1] < against[0]
+        log_likelihood = fit.log_likelihood - against[mirrored]
+        return _Registered(fit, pose.mirrored() if mirrored else pose, mirrored, log_likelihood)
 
 
 @njit(cache=True)

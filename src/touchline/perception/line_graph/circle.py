@@ -7,6 +7,7 @@ or pitch is off by degrees, a circle 5 m away is half as long again on the groun
 import math
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,11 +117,17 @@ def _leaned(
     if lean == NO_LEAN:
         return points_m
     x, y, height = at
-    turn = Pose3.from_roll_pitch_yaw(lean[0], 0.0, 0.0).rotation @ Pose3.from_roll_pitch_yaw(0.0, lean[1], 0.0).rotation
+    turn = _turn(*lean)
     rays = np.concatenate((points_m - (x, y), np.full((*points_m.shape[:-1], 1), -height)), axis=-1)
     rays = rays @ (turn if back else turn.T)
     down = np.where(rays[..., 2:] < 0.0, -rays[..., 2:], np.nan)
     return np.ascontiguousarray((x, y) + height * rays[..., :2] / down)
+
+
+@lru_cache(maxsize=64)
+def _turn(roll: float, pitch: float) -> FloatArray:
+    """(3, 3) Rx(roll) Ry(pitch)."""
+    return Pose3.from_roll_pitch_yaw(roll, 0.0, 0.0).rotation @ Pose3.from_roll_pitch_yaw(0.0, pitch, 0.0).rotation
 
 
 def without_arcs(lines: Lines, circle: Circle, at: tuple[float, float, float]) -> Lines:

@@ -28,11 +28,13 @@ WHITE, GREEN, BLACK, BLUE, YELLOW, ORANGE, MAGENTA, CYAN = range(8)  # from BLUE
 CLASSES = 8
 OTHER = 8
 FULL = CELL_PX * CELL_PX  # pixels of a cell
+_LOOKS = CELL_PX // 2  # at pixels in one of its rows
 FIRST_WHITE = 16  # codes of the table from here on tell how white a colour is
 WHITE_STEPS = 100.0  # such codes between carpet and paint
 HALF_WHITE = 0.5  # a pixel that is half paint is white: edges lie at half height
 _MIN_WHITE = 0.15  # colours less white than this are never white, whatever the light
 _EVERY = 4  # pixels between the samples that tell the light
+_SAMPLES = (CELL_PX // _EVERY) ** 2  # of these in a cell
 _MIN_SAMPLES = 8.0  # of carpet, that tell its light
 _LIGHT_REACH = 6  # cells to each side that the light is averaged over
 _WASHED = 0.25  # least excess of G of washed-out carpet, from that of paint (0) to that of carpet (1)
@@ -245,23 +247,24 @@ def count_classes(
 ) -> None:
     """Count the classes of an image (H, W, 3) in cells of 8 x 8 pixels, into counts (8, rows, columns).
 
-    white_from: (rows, columns) code from which on a pixel is white. washed: (rows, columns) which of the tables.
+    white_from: (rows, columns) code from which on a pixel is white. washed: (rows, columns) which of the tables. Every
+    other pixel is looked at, as on a chessboard, so that no thin line is missed, and counts twice.
     """
     packed = np.zeros(256, dtype=np.uint64)  # eight counters of a byte each
     for kind in range(1, CLASSES):
-        packed[kind] = np.uint64(1) << np.uint64(8 * kind)
-    one: Any = np.uint64(1)
+        packed[kind] = np.uint64(2) << np.uint64(8 * kind)
+    one: Any = np.uint64(2)
     nothing: Any = np.uint64(0)
     rows, columns = counts.shape[1:]
-    totals, entries = np.empty(columns, dtype=np.uint64), np.empty(CELL_PX * columns, dtype=np.uint16)
+    totals, entries = np.empty(columns, dtype=np.uint64), np.empty(_LOOKS * columns, dtype=np.uint16)
     for row in range(rows):
         totals[:] = nothing
         for v in range(CELL_PX * row, CELL_PX * row + CELL_PX):
-            _entries(image[v].ravel(), entries)
+            _entries(image[v].ravel()[3 * (v % 2) :], entries)
             for column in range(columns):
-                total, least, first = totals[column], white_from[row, column], np.uint64(CELL_PX * column)
+                total, least, first = totals[column], white_from[row, column], np.uint64(_LOOKS * column)
                 table = tables[washed[row, column]]
-                for k in range(CELL_PX):
+                for k in range(_LOOKS):
                     code = table[np.uint64(entries[first + np.uint64(k)])]  # unsigned: none can count from the end
                     total += packed[np.uint64(code)] + (one if code >= least else nothing)
                 totals[column] = total
@@ -272,9 +275,9 @@ def count_classes(
 
 @njit(cache=True)
 def _entries(line: ImageArray, entries: npt.NDArray[np.uint16]) -> None:
-    """Which entry of the table each pixel of a row (3 W,) has, into entries (N,)."""
+    """Which entry of the table every other pixel of a row (3 W,) has, into entries (N,)."""
     for u in range(len(entries)):
-        b, g, r = np.uint32(line[3 * u]), np.uint32(line[3 * u + 1]), np.uint32(line[3 * u + 2])
+        b, g, r = np.uint32(line[6 * u]), np.uint32(line[6 * u + 1]), np.uint32(line[6 * u + 2])
         entries[u] = ((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)
 
 
@@ -297,23 +300,25 @@ def carpet_light(
     pad = _LIGHT_REACH  # columns to each side, so that no window leaves them
     sums = np.zeros((6, rows + 1, columns + 1 + 2 * pad))
     _sum_carpet(image, tables, signal, sums)
-    per_cell = (CELL_PX // _EVERY) ** 2
+    one, many = np.empty((6, columns)), np.empty((2, columns))  # sums close to each cell, and farther about it
     for row in range(rows):
         near = max(row - _WASHED_REACH, 0), min(row + _WASHED_REACH + 1, rows)
         wide = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
+        for k in range(2):
+            _sum_about(sums[k], wide, _LIGHT_REACH, many[k])
+        for k in range(1, 6):
+            _sum_about(sums[k], near, _WASHED_REACH, one[k])
         for column in range(columns):
             across = min(column + _WASHED_REACH + 1, columns) - max(column - _WASHED_REACH, 0)
-            at = column + pad
-            pale = _inside(sums, 3, near, at, _WASHED_REACH)
-            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * per_cell)
-            brightness, count = _inside(sums, 0, wide, at, _LIGHT_REACH), _inside(sums, 1, wide, at, _LIGHT_REACH)
-            brightness = _inside(sums, 2, near, at, _WASHED_REACH) if is_washed else brightness
-            count = pale if is_washed else count
+            pale = one[3, column]
+            is_washed = pale > _WASHED_SHARE * (across * (near[1] - near[0]) * _SAMPLES)
+            brightness = one[2, column] if is_washed else many[0, column]
+            count = pale if is_washed else many[1, column]
             washed[row, column] = is_washed
             light[row, column] = brightness / (count * carpet_sum) if count > _MIN_SAMPLES else 1.0
-            samples = pale if is_washed else _inside(sums, 1, near, at, _WASHED_REACH)
+            samples = pale if is_washed else one[1, column]
             if samples > _MIN_SAMPLES:
-                base[row, column] = _inside(sums, 5 if is_washed else 4, near, at, _WASHED_REACH) / samples
+                base[row, column] = one[5 if is_washed else 4, column] / samples
             else:
                 base[row, column] *= light[row, column]
 
@@ -329,7 +334,7 @@ def _sum_carpet(image: ImageArray, tables: ByteArray, signal: FloatArray, sums: 
         usual = number = washed_out = washed_number = np.int64(0)  # along the row
         usual_signal = washed_signal = 0.0
         for column in range(columns):
-            for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
+            for v in range(CELL_PX * row + 2, CELL_PX * row + CELL_PX, _EVERY):
                 for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
                     b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
                     entry = np.uint64(((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3))
@@ -367,10 +372,15 @@ def paint_above(base: FloatArray, light: FloatArray, model: tuple[FloatArray, Fl
 
 
 @njit(cache=True)
-def _inside(sums: FloatArray, k: int, rows: tuple[int, int], column: int, reach: int) -> float:
-    """Sum of rows, the last excluded, and of columns within a reach of one, from integral image k of sums."""
-    top, bottom, left, right = rows[0], rows[1], column - reach, column + reach + 1
-    return float(sums[k, bottom, right] - sums[k, top, right] - sums[k, bottom, left] + sums[k, top, left])
+def _sum_about(sums: FloatArray, rows: tuple[int, int], reach: int, out: FloatArray) -> None:
+    """Sum of rows, the last excluded, and of columns within a reach of each, from an integral image, into out
+    (columns,).
+    """
+    top, bottom, first = sums[rows[0]], sums[rows[1]], np.uint64(_LIGHT_REACH - reach)
+    last = np.uint64(_LIGHT_REACH + reach + 1)
+    for column in range(len(out)):
+        left, right = np.uint64(column) + first, np.uint64(column) + last
+        out[column] = bottom[right] - top[right] - bottom[left] + top[left]
 
 
 @njit(cache=True)

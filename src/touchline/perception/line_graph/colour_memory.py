@@ -25,7 +25,7 @@ from touchline.perception.tint import Tint
 from touchline.types import ImageArray
 
 _EVERY = 3  # one in so many cells is looked at for the light's tint
-_MAX_LOOKS = 2000  # of such cells: the most that are looked at, as of an image of 752 x 480 pixels
+_MAX_LOOKS = 500  # of such cells: the most that are looked at, which tell a median
 _MIN_FIELD = 500  # cells of a field: with less, all of the ground is looked at
 
 

@@ -47,20 +47,29 @@ def mean_blocks(image: ImageArray) -> Float32Array:
     return blocks
 
 
-def contrasts(blocks: Float32Array, reach: IntArray, sign: float = 1.0, dark: float = math.inf) -> Float32Array:
+def contrasts(blocks: Float32Array, reach: IntArray, dark: float = math.inf) -> Float32Array:
     """(R, C) by how much each of blocks (R, C, 3) is brighter and less coloured than both its sides; 0 for no more.
 
-    reach: (R, 2) how far, in blocks across and along the image, its sides are in each row; 0: it sees no ground. sign:
-    -1 for darker and more coloured. dark: a block that is brighter than one side by so many times as much need not be
-    less coloured than that, where that has hardly a colour against the other side.
+    reach: (R, 2) how far, in blocks across and along the image, its sides are in each row; 0: it sees no ground. dark:
+    a block that is brighter than one side by so many times as much need not be less coloured than that, where that has
+    hardly a colour against the other side.
     """
+    return _contrasts(*_looks(blocks, reach), reach, dark)
+
+
+def _looks(blocks: Float32Array, reach: IntArray) -> tuple[Float32Array, Float32Array]:
+    """Brightness and paleness of blocks (R, C, 3), each (R, C, 2), of a block and about it."""
     blue, green, red = cv2.split(cv2.log(blocks + 1.0))
     other = 0.5 * (blue + red)
-    own = sign * np.dstack(((2.0 * other + green) / 3.0, _COLOUR * (other - green)))
+    own = np.dstack(((2.0 * other + green) / 3.0, _COLOUR * (other - green)))
     beside: Float32Array = cv2.blur(own, (3, 3)).astype(np.float32)
-    found: Float32Array = np.zeros(own.shape[:2], dtype=np.float32)
     thick = reach.min(axis=1) > _THICK
-    _exceed(np.where(thick[:, np.newaxis, np.newaxis], beside, own), beside, reach, dark, found)
+    return np.where(thick[:, np.newaxis, np.newaxis], beside, own), beside
+
+
+def _contrasts(own: Float32Array, beside: Float32Array, reach: IntArray, dark: float = math.inf) -> Float32Array:
+    found: Float32Array = np.zeros(own.shape[:2], dtype=np.float32)
+    _exceed(own, beside, reach, dark, found)
     return found
 
 
@@ -108,11 +117,12 @@ def learn_contrast(
     ground = cv2.resize(around.astype(np.uint8), None, fx=1.0 / BLOCK_PX, fy=1.0 / BLOCK_PX) > 0
     ground = ground[: len(reach), : around.shape[1] // BLOCK_PX]
     blocks = [mean_blocks(image) for image in images]
-    texture = np.concatenate([contrasts(each, reach, -1.0)[ground] for each in blocks])
+    looks = [_looks(each, reach) for each in blocks]
+    texture = np.concatenate([_contrasts(-own, -beside, reach)[ground] for own, beside in looks])
     least = max(_ABOVE * float(np.quantile(texture, _TEXTURE)) if len(texture) else 0.0, _MIN_CONTRAST)
     rows = []
-    for each in blocks:
-        contrast, box = contrasts(each, reach), (_AROUND, _AROUND)
+    for each, look in zip(blocks, looks, strict=True):
+        contrast, box = _contrasts(*look, reach), (_AROUND, _AROUND)
         bare, paint = (contrast < _FAINT * least) & ground, (contrast > least) & ground
         number = cv2.blur(bare.astype(np.float32), box)[paint]
         carpet = cv2.blur(each * bare[..., np.newaxis], box)[paint] / np.maximum(number, 1e-3)[:, np.newaxis]

@@ -10,6 +10,7 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from touchline.camera import Camera, GroundView, PinholeCamera, ground_view
 from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray
-from touchline.perception.colour import NoCarpetError
+from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.detector import check_size, image_of, lean_of
 from touchline.perception.line_graph.circle import (
     Circle,
@@ -153,11 +154,7 @@ class LineGraphDetector:
         return find_structure(image, classes, self._usable, plane, self.field.line_width, self.settings)
 
     def _pixels(self, image: ImageArray, classes: ColourClasses, structure: Structure) -> Pixels:
-        model = classes.model
-        signal = np.outer(model.signal, np.arange(256.0))
-        signal[0] -= float(model.signal @ model.green)
-        blue, green, red = model.green
-        least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
+        least, signal = _read_by(classes.model)
         return Pixels(image, least, signal, structure.paint, structure.base, self.field.line_width, _LOOSEST, _TIGHTEST)
 
     def _masks(self, view: GroundView) -> tuple[BoolArray, BoolArray, IntArray]:
@@ -182,6 +179,15 @@ class LineGraphDetector:
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
         pixels, ground, covariances = boundary_points(plane, structure.ends, structure.smooth.shape[0])
         return LinePoints(ground, covariances, np.full(len(ground), 0.5), pixels)
+
+
+@lru_cache(maxsize=4)
+def _read_by(model: ColourModel) -> tuple[float, FloatArray]:
+    """`least_green` and `signal` of `Pixels`."""
+    signal = np.outer(model.signal, np.arange(256.0))
+    signal[0] -= float(model.signal @ model.green)
+    blue, green, red = model.green
+    return _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum()), signal
 
 
 def observe_from_view(

@@ -11,7 +11,6 @@ from touchline.matrices import copy_row, uncounted
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
-    grounds_from_pixels,
     measured_grounds,
     pixels_from_planes,
     planes_from_pixels,
@@ -20,7 +19,14 @@ from touchline.perception.line_graph.image_plane import (
 from touchline.perception.line_graph.lines import split_and_merge
 from touchline.perception.line_graph.nets import is_thread
 from touchline.perception.line_graph.profiles import Pixels
-from touchline.perception.line_graph.refine import COVERED_PX, POINT_COLUMNS, is_covered, refine_line, sagitta
+from touchline.perception.line_graph.refine import (
+    COVERED_PX,
+    MIN_SAGITTA_PX,
+    POINT_COLUMNS,
+    is_bent,
+    is_covered,
+    refine_line,
+)
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import LinePoints, Lines
@@ -29,8 +35,6 @@ _MAX_POINTS = 2000
 _ALL = 5  # times as many lines as the cells show, at most: at both ends and to both sides of each another one
 _ASIDE_M = 0.4  # length of these that is tried
 _ROUGH_M = 0.35  # a shorter line has no direction by the cells alone
-_BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
-_MIN_SAGITTA_PX = 0.7
 # least mean of contrast times width against the expected: a net's threads are fainter and thinner. As a share of the
 # strongest line's where that is below 1, as for narrow or worn lines and rough camera poses; and at all
 _MIN_PAINT, _MIN_EVER = 0.65, 0.35
@@ -168,14 +172,16 @@ def _place_lines(pixels, plane, candidates, limits, found, before):  # type: ign
                 copy_row(line, lines[kept])
                 kept += 1
             continue
-        confidence, count = refine_line(pixels, plane, line, lines[:kept], points[total:])
+        confidence, count = refine_line(pixels, plane, line, (lines[:kept], limits.radius_m), points[total:])
         if confidence == 0.0 or is_covered(line, lines[:kept], covered):
             continue
         own, paint, contrast = points[total : total + count], 0.0, 0.0
         for point in own:
             point[2] = kept
             paint, contrast = paint + point[3] * point[4], contrast + point[3]
-        if paint < _MIN_EVER * count or not _is_long(line, plane, limits) or _is_bent(own, line, plane, limits):
+        if paint < _MIN_EVER * count or not _is_long(line, plane, limits):
+            continue
+        if is_bent(own[:, :2], line, plane, limits.radius_m, MIN_SAGITTA_PX):
             continue
         if is_thread(pixels, plane, line, contrast / count):
             continue
@@ -194,18 +200,3 @@ def _is_long(line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
     long = math.hypot(bx - ax, by - ay) >= limits.min_m
     long = long and focal * math.hypot(line[2] - line[0], line[3] - line[1]) >= limits.min_px
     return bool(long and min(math.hypot(ax, ay), math.hypot(bx, by)) <= limits.max_range_m)
-
-
-@njit(cache=True, error_model="numpy")
-def _is_bent(points: FloatArray, line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
-    """Whether the points (P, 4) of a line (4,) bend as those of a chord of a circle of the field's radius do."""
-    if limits.radius_m == 0.0 or len(points) < 5:
-        return False
-    places = grounds_from_pixels(plane, points[:, :2].copy())
-    ax, ay = transformed(plane.ground, line[0], line[1])
-    bx, by = transformed(plane.ground, line[2], line[3])
-    chord = math.hypot(bx - ax, by - ay)
-    if chord > 2.0 * limits.radius_m:
-        return False
-    in_image = sagitta(points[:, :2].copy()) * plane.lens.pinhole[0] * math.hypot(line[2] - line[0], line[3] - line[1])
-    return bool(in_image > _MIN_SAGITTA_PX and sagitta(places) > _BENT * chord / (8.0 * limits.radius_m))

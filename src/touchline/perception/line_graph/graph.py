@@ -71,20 +71,24 @@ def place_nodes(ranks: ByteArray, node_at: IntArray, cells: FloatArray) -> int:
     Writes the number of the node into node_at (rows, columns), column and row into cells; returns how many.
     """
     rows, columns = ranks.shape
-    count = 0
+    skeleton, number, count = np.empty((ranks.size, 2), dtype=np.int64), 0, 0
+    for row in range(rows):
+        for column in range(columns):
+            if ranks[row, column] != NO_SKELETON:
+                skeleton[number, 0], skeleton[number, 1] = row, column
+                number += 1
     for rank in range(_RANKS):
-        for row in range(rows):
-            for column in range(columns):
-                if ranks[row, column] != rank or count == len(cells):
-                    continue
-                free = True
-                for r in range(max(row - 1, 0), min(row + 2, rows)):
-                    for c in range(max(column - 1, 0), min(column + 2, columns)):
-                        free = free and node_at[r, c] < 0
-                if free:
-                    node_at[row, column] = count
-                    cells[count, 0], cells[count, 1] = column, row
-                    count += 1
+        for row, column in skeleton[:number]:
+            if ranks[row, column] != rank or count == len(cells):
+                continue
+            free = True
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(column - 1, 0), min(column + 2, columns)):
+                    free = free and node_at[r, c] < 0
+            if free:
+                node_at[row, column] = count
+                cells[count, 0], cells[count, 1] = column, row
+                count += 1
     return count
 
 

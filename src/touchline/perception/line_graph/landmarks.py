@@ -1,13 +1,15 @@
 """Landmarks (section 4.3): goal posts, goals, poles and penalty marks, told by what the field has of them."""
 
+import math
 from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from touchline.field import FieldModel, Post
-from touchline.geometry import FloatArray
+from touchline.geometry import BoolArray, FloatArray
 from touchline.perception.line_graph.colour_classes import ColourClasses
 from touchline.perception.line_graph.coloured_uprights import Upright, coloured_uprights
 from touchline.perception.line_graph.image_plane import (
@@ -107,7 +109,7 @@ def _penalty_marks(structure: Structure, lines: Lines, plane: ImagePlane, field:
     if size is None:
         return []
     middles = find_penalty_marks(structure.counts, structure.ends, plane, size)
-    middles = np.array([middle for middle in middles if not _near_a_line(middle, lines)]).reshape(-1, 2)
+    middles = middles[_off_lines(middles, np.ascontiguousarray(lines.pixels))]
     places = grounds_from_pixels(plane, middles)
     return [
         _Landmark(LandmarkKind.PENALTY_MARK, Upright(place, middle, ()), 0.7, (1.5, 0.02))
@@ -121,14 +123,18 @@ def _mark_size(field: FieldModel) -> float | None:
     return next((float(d) for x, y, d in field.discs if field.line_distances([[x, y]])[0] >= field.line_width), None)
 
 
-def _near_a_line(pixel: FloatArray, lines: Lines) -> bool:
-    """Whether a pixel (2,) lies so near to a line that was found that it may be a piece of its paint."""
-    for start, end in lines.pixels:
-        along = end - start
-        share = float(np.clip((pixel - start) @ along / max(float(along @ along), 1.0), 0.0, 1.0))
-        if np.hypot(*(pixel - start - share * along)) < _OFF_LINES_PX:
-            return True
-    return False
+@njit(cache=True)
+def _off_lines(middles: FloatArray, lines: FloatArray) -> BoolArray:
+    """(N,) which pixels (N, 2) lie so far from all lines (L, 2, 2) that were found that they are no piece of one."""
+    off = np.ones(len(middles), dtype=np.bool_)
+    for i in range(len(middles)):
+        for line in lines:
+            x, y = middles[i, 0] - line[0, 0], middles[i, 1] - line[0, 1]
+            dx, dy = line[1, 0] - line[0, 0], line[1, 1] - line[0, 1]
+            share = min(max((x * dx + y * dy) / max(dx * dx + dy * dy, 1.0), 0.0), 1.0)
+            if math.hypot(x - share * dx, y - share * dy) < _OFF_LINES_PX:
+                off[i] = False
+    return off
 
 
 def _post_like(upright: Upright, field: FieldModel) -> Post | None:

@@ -24,6 +24,7 @@ _RESULTS = 5
 PROFILE_ROOM = _RESULTS + _MAX_SAMPLES
 """Numbers that a profile needs room for: what it found, then its samples."""
 _FLANK_PX = 3  # carpet looked at on each side
+_PER_WIDTH = 6.0  # samples across a line, at least, where it is so many pixels wide
 _FAINTEST = 0.25  # least contrast of a line
 _BRIGHTEST = 1.5  # of paint, where edges lie at half height: what was learned of thin lines is half carpet
 _PALE_FLANK = 0.3  # what is beside a line is no whiter than this share of its contrast
@@ -120,12 +121,14 @@ def read_profile(
     if not cut.width_px > 0.0:
         return OUTSIDE
     height, width = pixels.image.shape[0], pixels.image.shape[1]
-    steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MAX_SAMPLES - 2))
-    near = min(_near(cut.width_px, reach_px), steps)
+    pitch = max(1.0, math.floor(cut.width_px / _PER_WIDTH))  # pixels between samples: near lines are wide
+    wide, reach = cut.width_px / pitch, reach_px / pitch
+    steps = int(min(wide * 1.3 + 2.0 + reach, 0.5 * _MAX_SAMPLES - 2))
+    near = min(_near(wide, reach), steps)
     samples, top = uncounted(found)[_RESULTS : _RESULTS + 2 * steps + 1], -np.inf
     samples[:] = np.nan
     for k in range(-near, near + 1):
-        samples[steps + k] = _sample(pixels, cut, k)
+        samples[steps + k] = _sample(pixels, cut, pitch * k)
         top = samples[steps + k] if samples[steps + k] > top else top
     if not top > _FAINTEST:
         return NO_LINE
@@ -134,29 +137,30 @@ def read_profile(
             last = k - _FLANK_PX
             if last >= near and not samples[steps + way * last] >= 0.5 * min(top, _BRIGHTEST):
                 break
-            samples[steps + way * k] = _sample(pixels, cut, way * k)
-    shown, middle, paint, top = find_paint(samples, cut.width_px, reach_px)
+            samples[steps + way * k] = _sample(pixels, cut, pitch * way * k)
+    shown, middle, paint, top = find_paint(samples, wide, reach)
     if shown != LINE:
         return shown
+    middle, paint = (middle - steps) * pitch, paint * pitch
     if paint > pixels.loosest * cut.width_px + 1.5 or paint < pixels.tightest * cut.width_px - 0.5:
         return NO_LINE
     for side in (-1.0, 1.0):
         green = False
         for k in range(1, _FLANK_PX + 2):
-            t = middle - steps + side * (0.5 * paint + k)
+            t = middle + side * (0.5 * paint + k)
             u, v = cut.u + t * cut.du, cut.v + t * cut.dv
             green = green or (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1 and is_carpet(pixels, u, v))
         if not green:
             return NO_LINE
-    found[0], found[1] = cut.u + (middle - steps) * cut.du, cut.v + (middle - steps) * cut.dv
+    found[0], found[1] = cut.u + middle * cut.du, cut.v + middle * cut.dv
     found[2], found[3], found[4] = paint, cut.width_px, top
     return LINE
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _sample(pixels: Pixels, cut: Cut, k: int) -> float:
-    """How white it is k pixels along a cut; NaN beyond the image's edge."""
-    u, v = cut.u + k * cut.du, cut.v + k * cut.dv
+def _sample(pixels: Pixels, cut: Cut, t: float) -> float:
+    """How white it is t pixels along a cut; NaN beyond the image's edge."""
+    u, v = cut.u + t * cut.du, cut.v + t * cut.dv
     inside = 0.0 <= u <= pixels.image.shape[1] - 1 and 0.0 <= v <= pixels.image.shape[0] - 1
     return signal_at(pixels, u, v) if inside else np.nan
 

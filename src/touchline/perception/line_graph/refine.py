@@ -7,7 +7,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray, IntArray
 from touchline.perception.line_graph.colour_classes import CELL_PX
-from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
+from touchline.perception.line_graph.image_plane import ImagePlane, grounds_from_pixels, plane_from_pixel, transformed
 from touchline.perception.line_graph.lines import fit_line, fit_with_ends
 from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, PROFILE_ROOM, Pixels, read_profile
 from touchline.perception.sorting import median_of
@@ -23,6 +23,9 @@ _MISSES, _GAP_WIDTHS = 2, 4.0  # so many profiles and line widths in a row witho
 _MAX_BEYOND = 60
 _ROW = 6
 COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
+_BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
+MIN_SAGITTA_PX = 0.7
+_PLAIN = 2.0  # times as much tells before the line is followed to its ends
 _MAX_LEAN_PX = 1.0  # of both halves of a line's points against the whole; the lens leaves less
 
 POINT_COLUMNS = 5
@@ -31,22 +34,26 @@ POINT_COLUMNS = 5
 
 @njit(cache=True, error_model="numpy")
 def refine_line(
-    pixels: Pixels, plane: ImagePlane, line: FloatArray, placed: FloatArray, points: FloatArray
+    pixels: Pixels, plane: ImagePlane, line: FloatArray, others: tuple[FloatArray, float], points: FloatArray
 ) -> tuple[float, int]:
     """Place a line (4,) x0, y0, x1, y1 of the image plane by profiles, in place.
 
-    Its points go into points (P, POINT_COLUMNS), but for the line's number. Returns the share of profiles that show it,
-    0 where it is none or part of those that are placed already (K, 4), and how many points there are.
+    others: lines that are placed already (K, 4), and the radius (m) of the field's circles or 0. Its points go into
+    points (P, POINT_COLUMNS), but for the line's number. Returns the share of profiles that show it, 0 where it is none
+    or part of those or of a circle, and how many points there are.
     """
     focal = plane.lens.pinhole[0]
     rows = np.empty((_MAX_PROFILES + 2 * _MAX_BEYOND, _ROW))
-    sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
-    if not sure:  # thin lines may lie beside where the cells have them
-        sure, hits, misses = _along(pixels, plane, line, _CELLS_PX, rows)
-        if sure:
-            sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
-            sure = sure and misses <= _MAX_MISSED * hits  # else it may be drawn from one line to another
-    if not sure or is_covered(line, placed, COVERED_PX / focal):
+    use, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
+    if not len(use):  # thin lines may lie beside where the cells have them
+        use, hits, misses = _along(pixels, plane, line, _CELLS_PX, 2.0 * _STEP_PX, rows)
+        if len(use):
+            use, hits, misses = _along(pixels, plane, line, NEAR_PX, _STEP_PX, rows)
+            if misses > _MAX_MISSED * hits:  # it may be drawn from one line to another
+                return 0.0, 0
+    if not len(use) or is_covered(line, others[0], COVERED_PX / focal):
+        return 0.0, 0
+    if is_bent(rows[use, 2:4], line, plane, others[1], _PLAIN * MIN_SAGITTA_PX):
         return 0.0, 0
     for backward in (True, False):
         hits += _extend(pixels, plane, line, backward, rows[hits:])
@@ -104,14 +111,14 @@ def _lean_of_halves(rows: FloatArray, use: IntArray, line: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _along(
-    pixels: Pixels, plane: ImagePlane, line: FloatArray, reach_px: float, rows: FloatArray
-) -> tuple[bool, int, int]:
+    pixels: Pixels, plane: ImagePlane, line: FloatArray, reach_px: float, step_px: float, rows: FloatArray
+) -> tuple[IntArray, int, int]:
     """Profiles along a line (4,), which is placed by those that show it, in place; these go into rows (N, 6).
 
-    Returns whether enough do and agree, how many do and how many show none.
+    Returns those that agree, none where these are not enough, how many show it and how many show none.
     """
     focal = plane.lens.pinhole[0]
-    steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / _STEP_PX)
+    steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / step_px)
     steps = min(max(steps, _MIN_PROFILES), _MAX_PROFILES)
     found = np.empty(PROFILE_ROOM)
     hits, misses = 0, 0
@@ -123,9 +130,9 @@ def _along(
         misses += shown == NO_LINE
         most = hits + steps - 1 - k
         if most < _MIN_POINTS or most < misses or most < 0.4 * steps:  # as nearly all candidates, that are none
-            return False, hits, misses
+            return np.empty(0, dtype=np.int64), hits, misses
     use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
-    return len(use) >= max(_MIN_POINTS, 0.6 * hits), hits, misses
+    return use[: len(use) if len(use) >= max(_MIN_POINTS, 0.6 * hits) else 0], hits, misses
 
 
 @njit(cache=True, error_model="numpy")
@@ -159,6 +166,24 @@ def _on_ground(plane: ImagePlane, line: FloatArray, one: float, other: float) ->
     ax, ay = transformed(plane.ground, line[0] + one * dx, line[1] + one * dy)
     bx, by = transformed(plane.ground, line[0] + other * dx, line[1] + other * dy)
     return math.hypot(bx - ax, by - ay)
+
+
+@njit(cache=True, error_model="numpy")
+def is_bent(pixels: FloatArray, line: FloatArray, plane: ImagePlane, radius_m: float, min_px: float) -> bool:
+    """Whether the pixels (P, 2) of a line (4,) bend as those of a chord of a circle of the field's radius do, and by
+    more than so much.
+    """
+    if radius_m == 0.0 or len(pixels) < 5:
+        return False
+    ax, ay = transformed(plane.ground, line[0], line[1])
+    bx, by = transformed(plane.ground, line[2], line[3])
+    chord = math.hypot(bx - ax, by - ay)
+    if chord > 2.0 * radius_m:
+        return False
+    in_image = sagitta(pixels.copy()) * plane.lens.pinhole[0] * math.hypot(line[2] - line[0], line[3] - line[1])
+    if not in_image > min_px:
+        return False
+    return bool(sagitta(grounds_from_pixels(plane, pixels.copy())) > _BENT * chord / (8.0 * radius_m))
 
 
 @njit(cache=True, error_model="numpy")
