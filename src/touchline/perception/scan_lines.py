@@ -68,7 +68,7 @@ def build_scan_lines(
     m_px = np.gradient(range_m, camera.radius_px)
 
     def step_px(metres_px: float) -> float:
-        return min(max(line_width_m / (_SAMPLES_A_LINE * metres_px), 1.0), MAX_STEP_PX)
+        return min(max(line_width_m / (_SAMPLES_A_LINE * max(metres_px, 1e-9)), 1.0), MAX_STEP_PX)
 
     ray_px = [inner_px]
     while ray_px[-1] < outer_px:
