@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from touchline.experiments.drives import Drive, driven, track_of
 from touchline.experiments.faults import frames_of
 from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.estimator.bank import Member
+from touchline.localization.estimator import visual_motion
+from touchline.localization.estimator.bank import Image, Member
 from touchline.localization.estimator.field_proof import FieldProof
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.integrity import GYRO_RATIO, Jump, Verdict, _unseen_rad
@@ -30,8 +32,16 @@ from touchline.localization.estimator.motion_relation import (
     MotionRelation,
 )
 from touchline.localization.estimator.step_noise import StepNoise
-from touchline.localization.estimator.visual_motion import MAX_SIGMA_M, UNKNOWN_M, Sighting, _told_alone
+from touchline.localization.estimator.visual_motion import (
+    MAX_SIGMA_M,
+    UNKNOWN_M,
+    Sighting,
+    VisualMotion,
+    _told_alone,
+    difference,
+)
 from touchline.localization.registration.joint import StateFit
+from touchline.localization.registration.registration import FOLLOWING
 from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed, with_signs
 from touchline.motion.odometry import Motion
@@ -608,6 +618,31 @@ def test_an_image_of_a_lone_line_tells_nothing_along_it_and_a_poor_one_what_it_t
     for deviations_m, untold in ([0.5, 0.5], [0, 1]), ([0.1, 0.5], [1]):  # what was expected is not told
         told = _told_alone(np.diag(np.square([*deviations_m, 0.01])), 1.0)
         assert np.flatnonzero(np.diag(told) > UNKNOWN_M**2).tolist() == untold
+
+
+def test_the_pose_of_an_image_alone_is_that_of_its_registration(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One step from the filter's fit, in nearly all images; not where that leads away from the image before."""
+    plain, update, now, apart = visual_motion._alone, VisualMotion.update, [], []
+
+    def watched(motion: VisualMotion, stamp_ns: int, image: Image, *told: Any) -> Sighting:
+        now[:] = [motion, image]
+        return update(motion, stamp_ns, image, *told)
+
+    def compared(stamp_ns: int, camera: visual_motion.Camera, fit: StateFit, start: FloatArray) -> Sighting | None:
+        alone = plain(stamp_ns, camera, fit, start)
+        registered = now[0]._registered(stamp_ns, now[1], camera, start, FOLLOWING)
+        apart.append(np.full(3, np.nan) if alone is None else difference(alone.pose, registered.pose))
+        assert plain(stamp_ns, camera, fit, start + np.array([0.3, 0.0, 0.0])) is None
+        return alone
+
+    monkeypatch.setattr(visual_motion, "_alone", compared)
+    monkeypatch.setattr(VisualMotion, "update", watched)
+    estimates_of(match().until(7.0))
+    off = np.abs(apart)
+    assert np.isnan(off[:, 0]).mean() < 0.05
+    assert np.nanmax(np.hypot(off[:, 0], off[:, 1])) < 0.005
+    assert np.nanmedian(np.hypot(off[:, 0], off[:, 1])) < 0.0005
+    assert np.nanmax(off[:, 2]) < 0.002
 
 
 def test_steps_that_agree_raise_no_alarm() -> None:

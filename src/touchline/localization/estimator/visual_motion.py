@@ -98,8 +98,8 @@ class VisualMotion:
             self._velocity = np.zeros(3)
         else:
             start = last.pose + seconds * self._velocity
-            best = None if image.stamp_shift is not None else _alone(stamp_ns, camera, fit, start)
-            best = best or self._registered(stamp_ns, image, camera, start, FOLLOWING)
+            alone = None if image.stamp_shift is not None else _alone(stamp_ns, camera, fit, start)
+            best = alone or self._registered(stamp_ns, image, camera, start, FOLLOWING)
             if best.explained < MIN_EXPLAINED or not camera.all_round:
                 moving, still = best, self._registered(stamp_ns, image, camera, last.pose)
                 best = max(moving, still, key=lambda one: one.log_likelihood)
