@@ -622,7 +622,9 @@ def test_an_image_of_a_lone_line_tells_nothing_along_it_and_a_poor_one_what_it_t
 
 def test_the_pose_of_an_image_alone_is_that_of_its_registration(monkeypatch: pytest.MonkeyPatch) -> None:
     """One step from the filter's fit, in nearly all images; not where that leads away from the image before."""
-    plain, update, now, apart = visual_motion._alone, VisualMotion.update, [], []
+    plain, update = visual_motion._alone, VisualMotion.update
+    now: list[Any] = []
+    apart: list[float] = []
 
     def watched(motion: VisualMotion, stamp_ns: int, image: Image, *told: Any) -> Sighting:
         now[:] = [motion, image]
@@ -631,18 +633,17 @@ def test_the_pose_of_an_image_alone_is_that_of_its_registration(monkeypatch: pyt
     def compared(stamp_ns: int, camera: visual_motion.Camera, fit: StateFit, start: FloatArray) -> Sighting | None:
         alone = plain(stamp_ns, camera, fit, start)
         registered = now[0]._registered(stamp_ns, now[1], camera, start, FOLLOWING)
-        apart.append(np.full(3, np.nan) if alone is None else difference(alone.pose, registered.pose))
+        off = np.full(3, np.nan) if alone is None else difference(alone.pose, registered.pose)
+        apart.append(math.sqrt(off @ np.linalg.solve(registered.covariance, off)))
         assert plain(stamp_ns, camera, fit, start + np.array([0.3, 0.0, 0.0])) is None
         return alone
 
     monkeypatch.setattr(visual_motion, "_alone", compared)
     monkeypatch.setattr(VisualMotion, "update", watched)
     estimates_of(match().until(7.0))
-    off = np.abs(apart)
-    assert np.isnan(off[:, 0]).mean() < 0.05
-    assert np.nanmax(np.hypot(off[:, 0], off[:, 1])) < 0.005
-    assert np.nanmedian(np.hypot(off[:, 0], off[:, 1])) < 0.0005
-    assert np.nanmax(off[:, 2]) < 0.002
+    assert np.isnan(apart).mean() < 0.05
+    assert np.nanmedian(apart) < 0.2  # standard deviations
+    assert np.nanpercentile(apart, 95) < 0.7
 
 
 def test_steps_that_agree_raise_no_alarm() -> None:
