@@ -246,7 +246,9 @@ def test_the_field_that_an_image_through_a_lens_fits_better_is_named_by_the_dist
     arguments = ["locate", str(walk / "images" / "000007.jpg"), "--camera", str(walk / "camera.yaml"), "--json"]
     assert main([*arguments, "--attitude", "0,0", "--output", str(tmp_path / "wrong.png")]) == 0
     tree = json.loads(capsys.readouterr().out)
-    assert [one["field"] for one in tree["better"]] == ["indoor-9x6"]
+    alike = {"indoor-9x6", "humanoid-kid-9x6", "hsl-s-9x6"}  # in what this image shows, to 0.1 mm
+    assert {one["field"] for one in tree["better"]} <= alike
+    assert len(tree["better"]) == 1
     assert tree["better"][0]["mean_distance_m"] < 0.7 * tree["mean_distance_m"]
 
 

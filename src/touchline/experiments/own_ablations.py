@@ -1,5 +1,6 @@
 """own-ablations: what each part of our own system brings, by leaving it out. No figure of a paper."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -45,7 +46,7 @@ def _with_one_hypothesis(system: Touchline) -> None:
 
 
 def _without_shoves(system: Touchline) -> None:
-    sees_none: Any = SimpleNamespace(apply=lambda *_: None)
+    sees_none: Any = SimpleNamespace(apply=lambda *_: None, gate=math.inf)
     system.bank.shoves = sees_none
 
 

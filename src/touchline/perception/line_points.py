@@ -62,7 +62,7 @@ MIN_SIGMAS = 4.0
 # least cosine between a line's excess over its green and white's: tinted light changes it little, a ball or a marker
 # fails it
 MIN_WHITENESS = 0.8
-MAX_RUN_PX = 60  # longest way from green through white to green: twice what a line at the robot's foot takes
+MAX_RUN_PX = 60  # longest way from green through white to green at the robot's foot: twice what a line takes there
 # longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter
 STEEPEST_CROSSING = 2.2
 BLUR_PX = 3.5  # how much wider blur may make a line: lens, motion and demosaicing together

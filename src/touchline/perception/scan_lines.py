@@ -68,12 +68,14 @@ def build_scan_lines(
     m_px = np.gradient(range_m, camera.radius_px)
 
     def step_px(metres_px: float) -> float:
-        return min(max(line_width_m / (_SAMPLES_A_LINE * max(metres_px, 1e-9)), 1.0), MAX_STEP_PX)
+        if not metres_px > 0.0:  # NaN, too: of a table that tells nothing there
+            return 1.0
+        return min(max(line_width_m / (_SAMPLES_A_LINE * metres_px), 1.0), MAX_STEP_PX)
 
     ray_px = [inner_px]
     while ray_px[-1] < outer_px:
         ray_px.append(ray_px[-1] + step_px(float(np.interp(ray_px[-1], camera.radius_px, m_px))))
-    radii_px = np.array(ray_px[:-1])
+    radii_px = np.array(ray_px[:-1] or ray_px)
     paths: list[FloatArray] = []
     closed: list[int] = []
     for index in range(2 * radial):
@@ -94,7 +96,7 @@ def build_scan_lines(
     whole = np.floor(samples)
     corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
     shares = np.ascontiguousarray((samples - whole).T, np.float32)
-    span = (int(corners.min()), int(corners.max()) + 3 * camera.width) if len(corners) else (0, 0)
+    span = (int(corners.min()), int(corners.max()) + 3 * camera.width + 1) if len(corners) else (0, 0)
     return ScanLines(samples, starts, lengths, corners, shares, span, radii_px)
 
 

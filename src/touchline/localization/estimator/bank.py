@@ -303,7 +303,7 @@ class Bank:
         """How far the image that a member was fitted to lies from its prediction."""
         assert one.fit is not None
         step, distance2 = one.filter.innovation(one.fit, self.statistics.per_image)
-        seen, plain = image.seen, one.explained >= PLAIN and distance2 <= self.shoves.gate
+        seen, plain = image.seen, one.explained >= PLAIN and distance2 <= self.shoves.gate and not self.guessed
         if plain or not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
             return Jump(step, distance2, 0.0)
         predicted = one.filter.pose.as_array()

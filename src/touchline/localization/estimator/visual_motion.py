@@ -98,7 +98,8 @@ class VisualMotion:
             self._velocity = np.zeros(3)
         else:
             start = last.pose + seconds * self._velocity
-            alone = None if image.stamp_shift is not None else _alone(stamp_ns, camera, fit, start)
+            # a stamp that wanders widens the fit along the motion
+            alone = _alone(stamp_ns, camera, fit, start) if image.stamp_shift is None else None
             best = alone or self._registered(stamp_ns, image, camera, start, FOLLOWING)
             if best.explained < MIN_EXPLAINED or not camera.all_round:
                 moving, still = best, self._registered(stamp_ns, image, camera, last.pose)
@@ -141,7 +142,8 @@ class VisualMotion:
 
 def _alone(stamp_ns: int, camera: Camera, fit: StateFit, start: FloatArray) -> Sighting | None:
     """What an image all round tells alone, by the system's fit of it without what that expected, which is a step of
-    millimetres nearly always; None where it is more, or leads elsewhere than from the image before.
+    millimetres nearly always; None where it is more, leads elsewhere than from the image before, or the image tells
+    little along one axis (of which the fit may hold less than it tells: `downweight_sparse_direction`).
     """
     if not camera.all_round or fit.explained < MIN_EXPLAINED:
         return None
@@ -149,8 +151,9 @@ def _alone(stamp_ns: int, camera: Camera, fit: StateFit, start: FloatArray) -> S
     told = fit.state, fit.information, fit.gradient
     if not _step_alone(*told, start, camera.errors, camera.covariance, pose, covariance):
         return None
-    told_alone = _told_alone(covariance, fit.explained)
-    return Sighting(stamp_ns, pose, told_alone, fit.explained, fit.log_likelihood, False)
+    if widest_m(covariance) > MAX_SIGMA_M:
+        return None
+    return Sighting(stamp_ns, pose, covariance, fit.explained, fit.log_likelihood, False)
 
 
 @njit(cache=True)

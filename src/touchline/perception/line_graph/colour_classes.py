@@ -248,7 +248,7 @@ def count_classes(
     """Count the classes of an image (H, W, 3) in cells of 8 x 8 pixels, into counts (8, rows, columns).
 
     white_from: (rows, columns) code from which on a pixel is white. washed: (rows, columns) which of the tables. Every
-    other pixel is looked at, as on a chessboard, so that no thin line is missed, and counts twice.
+    other pixel is looked at, as on a chessboard, so that lines along rows and columns are seen half, and counts twice.
     """
     packed = np.zeros(256, dtype=np.uint64)  # eight counters of a byte each
     for kind in range(1, CLASSES):
