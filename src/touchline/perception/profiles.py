@@ -15,7 +15,7 @@ from touchline.matrices import copy_row, uncounted
 from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
 from touchline.perception.path_samples import BODY, LEVEL
 
-FLANK_PX = 4  # length of the green wanted on both sides of a line: averages noise, fits between two lines
+FLANK = 4  # samples of the green wanted on both sides of a line: averages noise, fits between two lines
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
 HALVINGS = 4
 BLOCK = (
@@ -75,7 +75,7 @@ class ProfileLimits(NamedTuple):
 @njit(cache=True, error_model="numpy", inline="always")
 def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
     """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
-    count, carpet = FLANK_PX, limits.carpet
+    count, carpet = FLANK, limits.carpet
     level = blue = green = red = 0.0
     for m in range(count):
         k = first + step * np.uint64(m)
@@ -93,15 +93,15 @@ def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _flank(values, classes, first, step, number):  # type: ignore[no-untyped-def]
-    """Mean level and B, G, R of those of `FLANK_PX` samples from `first` on, walking by `step`, that are green: number.
+    """Mean level and B, G, R of those of `FLANK` samples from `first` on, walking by `step`, that are green: number.
 
     A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
     """
     level, darkest, brightest = 0.0, np.float32(np.inf), np.float32(0.0)
     blue = green = red = 0.0
-    for m in range(FLANK_PX):
+    for m in range(FLANK):
         k = first + step * np.uint64(m)
-        if number < FLANK_PX and classes[k] != GREEN:
+        if number < FLANK and classes[k] != GREEN:
             continue
         level += values[LEVEL, k]
         total = values[0, k] + values[1, k] + values[2, k]
@@ -117,12 +117,12 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
     The first flank that lies low enough below the peak, moved on while blur still lets it fall. In a flank of
-    `FLANK_PX` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
+    `FLANK` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
     the scan line, and the first beyond it.
     """
     # unsigned places, here and in what these call: none counts from the end, for which each look-up would be tested. A
     # step back is 2^64 - 1 then, and adding it wraps; `room` keeps all of a flank in the scan line
-    top, count, leap = values[LEVEL, np.uint64(peak)], FLANK_PX, np.uint64(step)
+    top, count, leap = values[LEVEL, np.uint64(peak)], FLANK, np.uint64(step)
     least, dim = 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
     foot, base, steps = -1, np.inf, 0
@@ -162,7 +162,7 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
 
     What contrasts with both is a line: the level of its foot is that of the darkest of three flanks.
     """
-    top, count, leap = values[LEVEL, np.uint64(peak)], FLANK_PX, np.uint64(step)
+    top, count, leap = values[LEVEL, np.uint64(peak)], FLANK, np.uint64(step)
     carpet = beside[0] + beside[1] + beside[2]
     foot, base, steps = -1, np.inf, 0
     blue = green = red = 0.0
@@ -405,7 +405,7 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     path (N, 2), starts, closed: ScanLines. samples: PathSamples. paint: green and white (3,), learned. limits:
     ProfileLimits. camera: constants, bearings, ranges of the OmniCamera's look-up.
     """
-    values, classes, count = uncounted(samples.values), uncounted(samples.classes), FLANK_PX
+    values, classes, count = uncounted(samples.values), uncounted(samples.classes), FLANK
     green, white = paint
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)

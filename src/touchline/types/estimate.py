@@ -29,7 +29,7 @@ class _Later(NamedTuple):
 
 
 def later(make: Callable[[], _Value]) -> _Value:
-    """For one of `ON_DEMAND`: its value, made of what never changes by the first who asks for it."""
+    """For one of `ON_DEMAND`: its value, made once, when it is first asked for. make: of immutable data alone."""
     return cast(_Value, _Later(make))
 
 

@@ -25,11 +25,11 @@ CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 
 
 class Predicted(NamedTuple):
-    """The pose before an image, and how wide that is (3, 3); beside (3, 3): what is added to that."""
+    """The pose before an image, and how wide that is (3, 3); extra_covariance (3, 3): what is added to that."""
 
     pose: Pose
     covariance: FloatArray
-    beside: FloatArray
+    extra_covariance: FloatArray
 
     @classmethod
     def of(cls, followed: Member, trusted: bool) -> Self:
@@ -49,7 +49,7 @@ class Predicted(NamedTuple):
 
     def _distance2(self, pose: Pose) -> float:
         off = pose.minus(self.pose)
-        distance2 = float(off @ np.linalg.solve(self.covariance + self.beside, off))
+        distance2 = float(off @ np.linalg.solve(self.covariance + self.extra_covariance, off))
         return distance2 if math.isfinite(distance2) else math.inf
 
 

@@ -20,9 +20,11 @@ LOOSE_M, LOOSE_RAD = 0.5, 0.5  # standard deviations of a motion that only image
 MAX_GAP_S = 0.3  # between images that show something, over which a velocity holds
 MAX_SPARSE_S = 3.0  # between images all round, over which they are still steps of one chain
 MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
-# of a fit to that of its image alone, and from where the image before and its velocity put it: from so near a
-# registration comes to the same
-STEP_M, STEP_RAD, NEAR_M, NEAR_RAD = 0.02, 0.01, 0.15, 0.1
+MAX_STEP_M, MAX_STEP_RAD = 0.02, 0.01  # from a fit to the pose by its image alone, which one step finds
+NEAR_M, NEAR_RAD = (
+    0.15,
+    0.1,
+)  # of where the image before and its velocity put it, from where registration finds the same
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 BLURRED_M = 0.04  # standard deviation of a pose from which a sector shows little
@@ -141,15 +143,16 @@ class VisualMotion:
 
 
 def _alone(stamp_ns: int, camera: Camera, fit: StateFit, start: FloatArray) -> Sighting | None:
-    """What an image all round tells alone, by the system's fit of it without what that expected, which is a step of
-    millimetres nearly always; None where it is more, leads elsewhere than from the image before, or the image tells
-    little along one axis (of which the fit may hold less than it tells: `downweight_sparse_direction`).
+    """The pose by an image all round alone: one Gauss-Newton step from the system's fit, without its prior, which is
+    millimetres nearly always. None where the step is larger, where it ends elsewhere than a registration from the image
+    before would, or where the image hardly shows one direction, whose information the fit may have less of
+    (`downweight_sparse_direction`).
     """
     if not camera.all_round or fit.explained < MIN_EXPLAINED:
         return None
     pose, covariance = np.empty(3), np.empty((3, 3))
-    told = fit.state, fit.information, fit.gradient
-    if not _step_alone(*told, start, camera.errors, camera.covariance, pose, covariance):
+    image_fit = fit.state, fit.information, fit.gradient
+    if not _step_alone(*image_fit, start, camera.errors, camera.covariance, pose, covariance):
         return None
     if widest_m(covariance) > MAX_SIGMA_M:
         return None
@@ -170,7 +173,7 @@ def _step_alone(state, information, gradient, start, errors, spread, pose, covar
     _spread(information, expected, covariance)
     for a in range(3):
         pose[a] = start[a] - off[a] + step[a]
-    is_small = math.hypot(step[0], step[1]) <= STEP_M and abs(step[2]) <= STEP_RAD
+    is_small = math.hypot(step[0], step[1]) <= MAX_STEP_M and abs(step[2]) <= MAX_STEP_RAD
     return is_small and math.hypot(off[0], off[1]) <= NEAR_M and abs(off[2]) <= NEAR_RAD
 
 

@@ -65,11 +65,15 @@ class FieldWatch:
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        least = -math.inf
+        min_log_likelihood = -math.inf
         if part != WHOLE and trust.free_fit and best is not None and best.fit is not None:
-            least = best.fit.log_likelihood / POINT_SHARE - HOPELESS
-        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit, least=least)
-        modes = tuple(mode for mode in self.search.modes(searched, known, part) if mode.log_likelihood > least)
+            min_log_likelihood = best.fit.log_likelihood / POINT_SHARE - HOPELESS
+        searched = Searched(
+            seen, view_at, upright, expected, image.response, trust.free_fit, min_log_likelihood=min_log_likelihood
+        )
+        modes = tuple(
+            mode for mode in self.search.modes(searched, known, part) if mode.log_likelihood > min_log_likelihood
+        )
         if not ends.symmetric:
             return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or ends.own_half is None)
         followed, half = [one.filter.pose for one in bank.members], ends.own_half

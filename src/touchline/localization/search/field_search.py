@@ -34,7 +34,7 @@ class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without errors (K,) of the camera, its line
     points (N, 2) without those that are known, and what is expected of pose and camera. all_round: whether it shows the
     whole field; pairs of the lines of a sector fit fewer places than its points, and tell how its camera leans.
-    attitudes: how many are searched. least: log-likelihood of line points below which a pose is not wanted.
+    attitudes: how many are searched. min_log_likelihood: of line points, below which a pose is not wanted.
     """
 
     seen: Seen
@@ -44,7 +44,7 @@ class Searched(NamedTuple):
     response: Response
     all_round: bool
     attitudes: int = LIKELY
-    least: float = -math.inf
+    min_log_likelihood: float = -math.inf
 
 
 class FieldSearch:
@@ -70,7 +70,9 @@ class FieldSearch:
         mean = searched.expected.mean[3:]
         view = searched.view_at(mean)
         if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(view.lines.ends_m)):
-            found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part, searched.least)
+            found = self.points.everywhere(
+                searched.upright_m, seen.covariances_m2, known, part, searched.min_log_likelihood
+            )
         if view.size:
             attitudes = self.attitudes(searched)
             views = [(each, view if np.array_equal(each, mean) else searched.view_at(each)) for each in attitudes]

@@ -92,12 +92,12 @@ class PoseSearch:
         covariances_m2: FloatArray,
         known: Sequence[Known] = (),
         part: tuple[int, int] = (0, 1),
-        least: float = -math.inf,
+        min_log_likelihood: float = -math.inf,
     ) -> tuple[Mode, ...]:
         """Modes on the whole field, the likeliest first; () without points.
 
-        part: which of so many parts of the headings, so that a search can be shared out among images. least:
-        log-likelihood of the points below which a mode is not wanted.
+        part: which of so many parts of the headings, so that a search can be shared out among images.
+        min_log_likelihood: of the points, below which a mode is not wanted.
         """
         (index, parts), headings = part, self._grid.headings
         headings = headings[index * len(headings) // parts : (index + 1) * len(headings) // parts]
@@ -105,7 +105,7 @@ class PoseSearch:
         # on a symmetric field one half shows all, and a pose of the other is one's twin
         first = rows // 2 if self.symmetric else 0
         window, most = Window(first, rows - first, 0, columns, headings), (STARTS // parts, FINISHED // parts)
-        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric, least)
+        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric, min_log_likelihood)
 
     def facing(
         self, positions_m: FloatArray, covariances_m2: FloatArray, heading_rad: float, sigma_rad: float
@@ -146,7 +146,7 @@ class PoseSearch:
         most: tuple[int, int],
         known: Sequence[Known] = (),
         twins: bool = False,
-        least: float = -math.inf,
+        min_log_likelihood: float = -math.inf,
     ) -> tuple[Mode, ...]:
         if len(points) == 0:
             return ()
@@ -157,8 +157,9 @@ class PoseSearch:
         few = max(round(SEARCH_POINTS * share), MIN_POINTS)
         some, spreads = _some(points, few), _some(covariances, few)
         first = self.registration.register_all(some, spreads, starts, SEARCHING)
-        if least > -math.inf:
-            wanted = np.flatnonzero(len(points) / len(some) * first.log_likelihoods > least - UNFINISHED)
+        if min_log_likelihood > -math.inf:
+            of_all = len(points) / len(some) * first.log_likelihoods
+            wanted = np.flatnonzero(of_all > min_log_likelihood - UNFINISHED)
             if not len(wanted):
                 return ()
             first = _picked(first, wanted)

@@ -1,7 +1,8 @@
 """The centre circle among the graph's nodes: the middle of a circle of the field's radius through many of them.
 
 An addition of ours: its arcs are distinguished from straight lines, and its middle is a landmark. If the camera's roll
-or pitch is off by degrees, a circle 5 m away is half as long again on the ground: it is searched at other leans, too.
+or pitch is off by degrees, a circle 5 m away is half as long again on the ground: it is
+searched at other rolls and pitches, too.
 """
 
 import math

@@ -24,8 +24,8 @@ _MAX_BEYOND = 60
 _ROW = 6
 COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
 _BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
-MIN_SAGITTA_PX = 0.7
-_PLAIN = 2.0  # times as much tells before the line is followed to its ends
+MIN_SAGITTA_PX = 0.7  # less is noise
+_PLAIN = 2.0  # times as much is no line even before it is followed to its ends
 _MAX_LEAN_PX = 1.0  # of both halves of a line's points against the whole; the lens leaves less
 
 POINT_COLUMNS = 5
