@@ -242,6 +242,7 @@ OTHERS: dict[str, Any] = {
     "min_probability": 0.999999,
     "blind_frames": {"mirror": 1, "perspective": 60},
     "search_every": 1,
+    "search_ms": 0.001,
     "compass": False,
     "compass_sigma_rad": 1.0,
     "gate": {"mirror": 1.0, "perspective": 1e9},

@@ -97,6 +97,18 @@ def test_colours_tell_the_end_from_nowhere() -> None:
     assert estimates[-1].status is Status.TRACKING
 
 
+def test_pairs_of_features_are_searched_within_a_budget() -> None:
+    system = open_system("touchline", RobotSetup(open_field(COLOURED), height_m=HEIGHT_M), {"search_ms": 1e-3})
+    assert isinstance(system, Touchline)
+    truth, frames = walk(COLOURED)
+    for k, each in enumerate(frames[:40]):
+        estimate = system.step(each)
+        assert k >= 10 or system.watch.left == max(4 - k, 0)
+        assert estimate.status is not Status.TRACKING or k >= 4
+    assert estimate.status is Status.TRACKING
+    assert math.hypot(estimate.pose.x - truth[39][0], estimate.pose.y - truth[39][1]) < 0.1
+
+
 def test_both_ends_are_named_where_nothing_tells_them_apart() -> None:
     estimates = localized(WHITE, None)
     last, truth = estimates[-1], Pose(*walk(WHITE)[0][-1].tolist())

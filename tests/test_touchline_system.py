@@ -151,6 +151,29 @@ def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
     )
 
 
+SEARCHES_ON = "the search of the field goes on in the next image"
+
+
+def test_a_search_within_a_budget_goes_on_in_the_next_images() -> None:
+    """A fifth of the field an image, carried to another place unfelt in the tenth: nothing is tracked that was not
+    before all of it has been searched, and then the pose is right; with time enough all is searched in one image.
+    """
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(search_ms=1e-3), np.random.default_rng(0))
+    places, left, off_m = 10 * [Pose(2.0, 1.0, 0.3)] + 12 * [Pose(-4.0, -2.5, 2.0)], [], []
+    for k, place in enumerate(places):
+        estimate = system.step(frame(k, seen(place, k), place.heading + 0.05))
+        left.append(system.watch.left)
+        off_m.append(errors(estimate, place)[0])
+        assert (estimate.reason == SEARCHES_ON) == (k < 4)
+    assert left == [4, 3, 2, 1, *6 * [0], 4, 3, 2, 1, *8 * [0]]
+    assert off_m[0] > 1.0, "a pose of the first part, which alone it would be sure of"
+    assert max(off_m[4:10] + off_m[14:]) < 0.1
+    plenty = Touchline(RobotSetup(FIELD), TouchlineSettings(search_ms=1e6), np.random.default_rng(0))
+    estimate = plenty.step(frame(0, seen(places[0], 0), places[0].heading + 0.05))
+    assert plenty.watch.left == 0
+    assert errors(estimate, places[0])[0] < 0.1
+
+
 def test_lines_that_are_not_seen_speak_against_a_pose() -> None:
     """A lone line 1 m ahead fits a side line as well as the goal area's, behind which the goal line would be seen."""
     system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))

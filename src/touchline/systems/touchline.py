@@ -84,6 +84,13 @@ class TouchlineSettings(StartSettings):
         le=1_000,
         description="images in which the whole field is searched once, in parts, though nothing is wrong",
     )
+    search_ms: float | None = Field(
+        None,
+        gt=0,
+        description="milliseconds that a search of the whole field in doubt may take of an image, a fifth of it at "
+        "least; the next images continue it, and until it is done no pose is tracked that was not before; by default "
+        "it is done at once, so that a recording always gives the same numbers",
+    )
     compass: bool | None = Field(
         None,
         description="whether the compass counts; by default with a mirror alone: humanoids may have none",
@@ -123,7 +130,7 @@ class Touchline:
         self.leaning, self.sway, self.delay = LeanFilter(), SwayDelay(), StampDelay()
         self.field_search = FieldSearch(field)
         self.model, self.registration = self.field_search.model, self.field_search.registration
-        self.watch = FieldWatch(self.field_search, settings.search_every)
+        self.watch = FieldWatch(self.field_search, settings.search_every, settings.search_ms)
         self.open_parts(camera_errors(setup.camera, setup.height_m))
         self.safeguard = Safeguard(self.registration, field)
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
@@ -295,8 +302,8 @@ class Touchline:
 
     def _search(self, frame: Frame, observation: Observation, image: Image) -> tuple[Sequence[Mode], list[float]]:
         """Poses that explain an image, if the field is searched now, and their log-odds before it was seen."""
-        where = self.relocation.whereabouts
-        part = self.watch.part(where is not None or self.judged.is_in_doubt(self.bank.best))
+        where, best = self.relocation.whereabouts, self.bank.best
+        part = self.watch.part(where is not None or self.judged.is_in_doubt(best), best is not None)
         if part is None:
             return (), []
         known, ends = self.end_judge.known(self._compass(frame)), self.end_judge.ends
@@ -306,7 +313,9 @@ class Touchline:
 
         modes = self.watch.modes(image, view_at, self.bank, known, part, ends)
         modes = modes if where is None else where.at_likelier_end(modes)
-        return modes, self.relocation.weigh(modes, self.bank, self.judged.carried_log_odds)
+        # parts of a search that began without a pose find poses that are as likely as those of the parts before
+        carried = 0.0 if self.watch.finds_first else self.judged.carried_log_odds
+        return modes, self.relocation.weigh(modes, self.bank, carried)
 
     def _view(self, observation: Observation, errors: FloatArray, response: Response) -> FeatureView:
         """The features of an image without errors (K,) of the camera."""
@@ -349,7 +358,7 @@ class Touchline:
 
     def _judge_status(self, seconds: float) -> None:
         """Whether the pose is tracked."""
-        tracked = self.judged.update(self.bank, self.end, seconds) is Status.TRACKING
+        tracked = self.judged.update(self.bank, self.end, seconds, self.watch.left > 0) is Status.TRACKING
         self.relocation.settle(self.bank, self.judged.blind_frames == 0, tracked)
         self.problems += self.end_judge.tracked(seconds) if tracked else ()
 

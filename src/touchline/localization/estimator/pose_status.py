@@ -17,6 +17,7 @@ _DOUBTS = (  # why no pose is tracked, the first that holds
     "the pose explains {:.0f} % of what is seen of late",
     "the pose is not known in all directions",
     "nothing that the pose explains has been seen for too long",
+    "the search of the field goes on in the next image",
 )
 BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
 
@@ -86,8 +87,10 @@ class PoseStatus:
         best = bank.members[0]
         return self.is_likely(bank) and is_observed(best.filter.covariance) and self._fits(bank, 1.0)
 
-    def update(self, bank: Bank, end: FieldEnd, seconds: float) -> Status:
-        """Judge the likeliest pose after an image, so many seconds after the last."""
+    def update(self, bank: Bank, end: FieldEnd, seconds: float, searches: bool = False) -> Status:
+        """Judge the likeliest pose after an image, so many seconds after the last. searches: whether a part of the
+        field is still to be searched, before which no pose is tracked that was not.
+        """
         best, tracked = bank.best, self.status is Status.TRACKING
         if best is None:
             return self.status
@@ -106,7 +109,15 @@ class PoseStatus:
         ratio = self._image_trust.tracked_ratio if tracked else 1.0
         unexplained = shown and self._explained < ratio * self.criteria.min_explained
         known = is_observed(best.filter.covariance)
-        doubted = (not likely, not decided, contradicted, unexplained, not known, self.is_blind)
+        doubted = (
+            not likely,
+            not decided,
+            contradicted,
+            unexplained,
+            not known,
+            self.is_blind,
+            searches and not tracked,
+        )
         self.reason = _DOUBTS[doubted.index(True)].format(100.0 * self._explained) if True in doubted else ""
         if not self.reason:
             self.status, bank.confirmed = Status.TRACKING, True

@@ -103,7 +103,7 @@ class VisualMotion:
             # a stamp that wanders widens the fit along the motion
             alone = _alone(stamp_ns, camera, fit, start) if image.stamp_shift is None else None
             best = alone or self._registered(stamp_ns, image, camera, start, FOLLOWING)
-            if best.explained < MIN_EXPLAINED or not camera.all_round:
+            if alone is None and (best.explained < MIN_EXPLAINED or not camera.all_round):
                 moving, still = best, self._registered(stamp_ns, image, camera, last.pose)
                 best = max(moving, still, key=lambda one: one.log_likelihood)
                 other = self._registered(stamp_ns, image, camera, found)
@@ -143,18 +143,19 @@ class VisualMotion:
 
 
 def _alone(stamp_ns: int, camera: Camera, fit: StateFit, start: FloatArray) -> Sighting | None:
-    """The pose by an image all round alone: one Gauss-Newton step from the system's fit, without its prior, which is
-    millimetres nearly always. None where the step is larger, where it ends elsewhere than a registration from the image
-    before would, or where the image hardly shows one direction, whose information the fit may have less of
-    (`downweight_sparse_direction`).
+    """The pose by an image alone: one Gauss-Newton step from the system's fit, without its prior, which is millimetres
+    nearly always. None where the step is larger, where it ends elsewhere than a registration from the image before
+    would, where a sector shows little, or where an image all round hardly shows one direction, whose information the
+    fit may have less of (`downweight_sparse_direction`).
     """
-    if not camera.all_round or fit.explained < MIN_EXPLAINED:
+    if fit.explained < MIN_EXPLAINED:
         return None
     pose, covariance = np.empty(3), np.empty((3, 3))
     image_fit = fit.state, fit.information, fit.gradient
     if not _step_alone(*image_fit, start, camera.errors, camera.covariance, pose, covariance):
         return None
-    if widest_m(covariance) > MAX_SIGMA_M:
+    covariance *= 1.0 if camera.all_round else SECTOR_RATIO
+    if widest_m(covariance) > (MAX_SIGMA_M if camera.all_round else BLURRED_M):
         return None
     return Sighting(stamp_ns, pose, covariance, fit.explained, fit.log_likelihood, False)
 

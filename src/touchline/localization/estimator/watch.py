@@ -1,6 +1,7 @@
 """When the whole field is searched, and which of the poses that are found become hypotheses."""
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -26,26 +27,40 @@ class Ends(NamedTuple):
 
 
 class FieldWatch:
-    """Searches the whole field in doubt, and part after part of it now and then."""
+    """Searches the whole field in doubt, and part after part of it now and then. `left`: parts that no image has had
+    time for since a doubt began; `finds_first`: whether it began without a pose, and parts were left before this image.
+    """
 
-    def __init__(self, search: FieldSearch, every: int) -> None:
-        """every: images in which the whole field is searched once though nothing is wrong."""
-        self.search, self.every = search, every
+    def __init__(self, search: FieldSearch, every: int, budget_ms: float | None = None) -> None:
+        """every: images in which the whole field is searched once though nothing is wrong. budget_ms: that a search in
+        doubt may take of an image, one part at least; None: it is done at once.
+        """
+        self.search, self.every, self.budget_ms = search, every, budget_ms
         self.reset()
 
     def reset(self) -> None:
         """No image has been searched."""
-        self._since, self._part = 0, 0
+        self._since, self._part, self._in_doubt = 0, 0, False
+        self.left, self.finds_first = 0, False
 
-    def part(self, in_doubt: bool) -> tuple[int, int] | None:
-        """Which of so many parts is searched in this image; None: nothing."""
+    def part(self, in_doubt: bool, follows: bool) -> tuple[int, int] | None:
+        """Which of so many parts is searched in this image, within a budget the first of them; None: nothing. follows:
+        whether there is a pose.
+        """
         self._since += 1
-        parts = min(PARTS, self.every)
-        if not in_doubt and self._since * parts < self.every:
+        begins, self._in_doubt = in_doubt and not self._in_doubt, in_doubt
+        if in_doubt and self.budget_ms is None:
+            self._since = 0
+            return WHOLE
+        self.left = PARTS if begins else self.left
+        self.finds_first = self.left > 0 and (not follows if begins else self.finds_first)
+        parts = PARTS if in_doubt or self.left else min(PARTS, self.every)
+        if not (in_doubt or self.left) and self._since * parts < self.every:
             return None
         self._since = 0
-        if in_doubt:
-            return WHOLE
+        return self._next(parts)
+
+    def _next(self, parts: int) -> tuple[int, int]:
         self._part = (self._part + 1) % parts
         return self._part, parts
 
@@ -61,12 +76,13 @@ class FieldWatch:
         """Poses that explain an image; on a symmetric field one of each pair of twins. view_at: its features without
         errors (K,) of the camera; known: of the pose.
         """
-        best, knowing, trust = bank.best, bank.knowing, bank.trust
+        begun_s, best, knowing, trust = time.perf_counter(), bank.best, bank.knowing, bank.trust
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
         min_log_likelihood = -math.inf
-        if part != WHOLE and trust.free_fit and best is not None and best.fit is not None:
+        watches = part != WHOLE and not (self._in_doubt or self.left)
+        if watches and trust.free_fit and best is not None and best.fit is not None:
             min_log_likelihood = best.fit.log_likelihood / POINT_SHARE - HOPELESS
         searched = Searched(
             seen, view_at, upright, expected, image.response, trust.free_fit, min_log_likelihood=min_log_likelihood
@@ -74,6 +90,8 @@ class FieldWatch:
         modes = tuple(
             mode for mode in self.search.modes(searched, known, part) if mode.log_likelihood > min_log_likelihood
         )
+        if part != WHOLE and not watches:
+            modes = self._continued(modes, searched, known, begun_s)
         if not ends.symmetric:
             return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or ends.own_half is None)
         followed, half = [one.filter.pose for one in bank.members], ends.own_half
@@ -83,6 +101,17 @@ class FieldWatch:
                 for mode in modes
             )
         return at_one_end(modes, followed, aligned=not known and half is None)
+
+    def _continued(
+        self, modes: tuple[Mode, ...], searched: Searched, known: Sequence[Known], begun_s: float
+    ) -> tuple[Mode, ...]:
+        """The modes of a first part and of those for which there is time, if each takes as long as those before."""
+        assert self.budget_ms is not None
+        done, self.left = 1, max(self.left - 1, 0)
+        while done < PARTS and 1e3 * (time.perf_counter() - begun_s) * (done + 1) / done < self.budget_ms:
+            modes += self.search.modes(searched, known, self._next(PARTS))
+            done, self.left = done + 1, max(self.left - 1, 0)
+        return tuple(sorted(modes, key=lambda mode: -mode.log_likelihood))
 
 
 def _is_near(mode: Mode, poses: Sequence[Pose]) -> int:
