@@ -7,6 +7,7 @@ has such ellipses for orange, blue, yellow, magenta and cyan, set by hand.
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from touchline.geometry import BoolArray, FloatArray, IntArray
 
@@ -76,14 +77,22 @@ def nearest_ellipse(tinted: FloatArray, ellipses: Ellipses, reach: float = 1.0) 
 
     reach: how much larger than they are the ellipses are taken. Where two overlap, the relatively nearer one counts.
     """
-    distances = np.full((len(ellipses), len(tinted)), np.inf)
-    for distance, ellipse in zip(distances, ellipses, strict=True):
-        u, v = tinted[:, 1] - ellipse.u, tinted[:, 2] - ellipse.v
-        (uu, uv), (_, vv) = np.linalg.inv(ellipse.shape)
-        size = uu * u**2 + 2.0 * uv * u * v + vv * v**2
-        within = (size < reach**2) & (tinted[:, 0] > ellipse.low) & (tinted[:, 0] < ellipse.high)
-        distance[within] = size[within]
-    return np.where(np.isfinite(distances.min(axis=0)), distances.argmin(axis=0), -1)
+    nearest = np.empty(len(tinted), dtype=np.int64)
+    _nearest(tinted, np.array(ellipses), reach**2, nearest)
+    return nearest
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest(tinted: FloatArray, ellipses: FloatArray, reach2: float, nearest: IntArray) -> None:
+    """Which of ellipses (K, 7) colours (N, 3) lie in, into nearest (N,)."""
+    for i in range(len(tinted)):
+        nearest[i], least = -1, reach2
+        for k in range(len(ellipses)):
+            u, v, uu, uv, vv, low, high = ellipses[k]
+            u, v = tinted[i, 1] - u, tinted[i, 2] - v
+            size = (vv * u * u - 2.0 * uv * u * v + uu * v * v) / (uu * vv - uv * uv)
+            if size < least and low < tinted[i, 0] < high:
+                nearest[i], least = k, size
 
 
 def learned_ellipse(tinted: FloatArray, prior: Ellipse, prior_pixels: float) -> Ellipse:

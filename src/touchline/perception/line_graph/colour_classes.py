@@ -7,6 +7,7 @@ the cell. All algorithms behind this one work on the cells.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -179,6 +180,7 @@ def _luminance_of_white(model: ColourModel) -> float:
     return float(0.5 * (y[0] + y[1]))
 
 
+@lru_cache(maxsize=1)
 def _cell_colours() -> FloatArray:
     """(65536, 3) B, G, R of the table's entries."""
     coarse, fine = 8.0 * np.arange(32) + 3.5, 4.0 * np.arange(64) + 1.5

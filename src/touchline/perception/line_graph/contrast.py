@@ -54,7 +54,9 @@ def contrasts(blocks: Float32Array, reach: IntArray, dark: float = math.inf) -> 
     a block that is brighter than one side by so many times as much need not be less coloured than that, where that has
     hardly a colour against the other side.
     """
-    return _contrasts(*_looks(blocks, reach), reach, dark)
+    found: Float32Array = np.zeros(blocks.shape[:2], dtype=np.float32)
+    _exceed(*_looks(blocks, reach), reach, dark, found)
+    return found
 
 
 def _looks(blocks: Float32Array, reach: IntArray) -> tuple[Float32Array, Float32Array]:
@@ -67,10 +69,36 @@ def _looks(blocks: Float32Array, reach: IntArray) -> tuple[Float32Array, Float32
     return np.where(thick[:, np.newaxis, np.newaxis], beside, own), beside
 
 
-def _contrasts(own: Float32Array, beside: Float32Array, reach: IntArray, dark: float = math.inf) -> Float32Array:
-    found: Float32Array = np.zeros(own.shape[:2], dtype=np.float32)
-    _exceed(own, beside, reach, dark, found)
+def _both_signs(own: Float32Array, beside: Float32Array, reach: IntArray) -> Float32Array:
+    """(2, R, C) `contrasts`, and by how much blocks are darker and more coloured than both sides."""
+    found: Float32Array = np.zeros((2, *own.shape[:2]), dtype=np.float32)
+    planes = [np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in (own, beside)]
+    _exceed_or_fall(planes[0], planes[1], reach, found)
     return found
+
+
+@njit(cache=True)
+def _exceed_or_fall(own: Float32Array, beside: Float32Array, reach: IntArray, found: Float32Array) -> None:
+    """By how much blocks exceed both sides, and fall below them, in the direction of four in which they do most, into
+    found (2, R, C). own, beside: (2, R, C) brightness and paleness.
+    """
+    rows, columns = found.shape[1:]
+    for row in range(rows):
+        across, along = reach[row]
+        for way in range(4 if along > 0 else 0):
+            dv, du = (0 if way == 0 else along), (0 if way == 1 else across if way < 3 else -across)
+            if not dv <= row < rows - dv:
+                continue
+            first, last = abs(du), columns - abs(du)
+            here = own[:, row, first:last]
+            one = beside[:, row - dv, first - du : last - du]
+            other = beside[:, row + dv, first + du : last + du]
+            most = found[:, row, first:last]
+            for i in range(most.shape[1]):
+                bright, pale = here[0, i] - one[0, i], here[1, i] - one[1, i]
+                brighter, paler = here[0, i] - other[0, i], here[1, i] - other[1, i]
+                most[0, i] = max(most[0, i], min(min(bright, pale), min(brighter, paler)))
+                most[1, i] = max(most[1, i], -max(max(bright, pale), max(brighter, paler)))
 
 
 @njit(cache=True)
@@ -118,11 +146,11 @@ def learn_contrast(
     ground = ground[: len(reach), : around.shape[1] // BLOCK_PX]
     blocks = [mean_blocks(image) for image in images]
     looks = [_looks(each, reach) for each in blocks]
-    texture = np.concatenate([_contrasts(-own, -beside, reach)[ground] for own, beside in looks])
+    both = [_both_signs(*look, reach) for look in looks]
+    texture = np.concatenate([below[ground] for _, below in both])
     least = max(_ABOVE * float(np.quantile(texture, _TEXTURE)) if len(texture) else 0.0, _MIN_CONTRAST)
-    rows = []
-    for each, look in zip(blocks, looks, strict=True):
-        contrast, box = _contrasts(*look, reach), (_AROUND, _AROUND)
+    rows, box = [], (_AROUND, _AROUND)
+    for each, (contrast, _) in zip(blocks, both, strict=True):
         bare, paint = (contrast < _FAINT * least) & ground, (contrast > least) & ground
         number = cv2.blur(bare.astype(np.float32), box)[paint]
         carpet = cv2.blur(each * bare[..., np.newaxis], box)[paint] / np.maximum(number, 1e-3)[:, np.newaxis]

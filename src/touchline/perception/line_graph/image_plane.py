@@ -154,6 +154,15 @@ def grounds_from_pixels(plane: ImagePlane, pixels: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
+def ground_ranges(plane: ImagePlane, ranges_m: FloatArray) -> None:
+    """Ranges (m) of what all pixels see, into ranges_m (H, W); NaN above the horizon."""
+    for v in range(ranges_m.shape[0]):
+        for u in range(ranges_m.shape[1]):
+            x, y = ground_from_pixel(plane, float(u), float(v))
+            ranges_m[v, u] = math.sqrt(x * x + y * y)
+
+
+@njit(cache=True, error_model="numpy")
 def pixels_from_grounds(plane: ImagePlane, points: FloatArray) -> FloatArray:
     """`pixel_from_ground` of ground points (N, 2), as (N, 2)."""
     pixels = np.empty((len(points), 2))
