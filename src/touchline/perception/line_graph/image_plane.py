@@ -13,6 +13,7 @@ from numba import njit
 
 from touchline.camera import GroundView, PinholeCamera
 from touchline.geometry import FloatArray
+from touchline.matrices import inverse
 from touchline.perception.line_graph.colour_classes import CELL_PX
 
 Numbers = tuple[float, ...]  # no arrays: their references would be counted with every call
@@ -72,7 +73,7 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
         ground = ground @ np.linalg.solve(pixels, view.correction.homography(view.roll_rad, view.pitch_rad) @ pixels)
     size, h = (float(view.camera.width), float(view.camera.height)), _numbers(ground)
     height = math.sqrt(sum((h[k] - x * h[6 + k]) ** 2 for k in range(3)))
-    return ImagePlane(lens, h, _numbers(np.linalg.inv(ground)), size, (x, y), height)
+    return ImagePlane(lens, h, _numbers(inverse(ground)), size, (x, y), height)
 
 
 @njit(cache=True, error_model="numpy")
