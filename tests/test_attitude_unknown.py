@@ -86,6 +86,27 @@ def test_a_fit_begins_at_other_attitudes_where_the_expected_one_explains_too_lit
     np.testing.assert_allclose(fit.state[:2], truth.as_array()[:2], atol=0.1)
 
 
+@pytest.mark.parametrize(("sigma_rad", "tried"), [(0.014, 1), (0.05, 81)])
+def test_no_other_attitude_is_tried_where_it_is_known(
+    monkeypatch: pytest.MonkeyPatch, sigma_rad: float, tried: int
+) -> None:
+    """Of scatter, which no attitude explains."""
+    places = np.random.default_rng(0).uniform(1.0, 4.0, (40, 2))
+    points = LinePoints(places, np.tile(1e-4 * np.eye(2), (40, 1, 1)), np.ones(40), np.full((40, 2), np.nan))
+    deviations = np.array([0.2, 0.2, 0.1, sigma_rad, sigma_rad, 0.005, 0.005])
+    expected = StatePrior(np.zeros(7), np.diag(deviations**-2.0))
+    response = PerspectiveResponse(np.array([0.0, 0.0, 0.5]), np.array([0.95, 0.0, -0.3]), fisheye=False)
+    registration, starts, fit = Registration(open_field("hsl-s-9x6").distance_map()), [], Registration.fit_state
+    monkeypatch.setattr(
+        Registration,
+        "fit_state",
+        lambda self, seen, start, *rest: (starts.append(start), fit(self, seen, start, *rest))[1],
+    )
+    found = fit_leaning(registration, seen_points(points, 0.25), expected.mean, expected, TRACKING, response)
+    assert found.explained < 0.85
+    assert len(starts) == tried
+
+
 @pytest.mark.parametrize("stray_rad", [0.4, 0.8, 1.2])
 def test_an_arc_among_the_lines_does_not_turn_the_camera(stray_rad: float) -> None:
     """Two lines and a crossing one tell the attitude to a degree, whatever direction a fourth has that is none."""

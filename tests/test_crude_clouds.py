@@ -56,9 +56,9 @@ def seeing(frame: Frame, points: FloatArray) -> Frame:
     return replace(frame, observation=Observation(frame.stamp_ns, points_at(points)))
 
 
-def heap(x: float, y: float, count: int = 200) -> FloatArray:
+def heap(x: float, y: float, count: int = 200, rng: np.random.Generator = RNG) -> FloatArray:
     """Points (N, 2) about a place."""
-    points: FloatArray = np.array([x, y]) + 0.3 * RNG.standard_normal((count, 2))
+    points: FloatArray = np.array([x, y]) + 0.3 * rng.standard_normal((count, 2))
     return points
 
 
@@ -191,11 +191,13 @@ def test_a_robot_among_clutter_is_tracked(density: int) -> None:
     assert np.median(track.distances_m) < 0.05
 
 
-def test_seconds_of_a_heap_alone_move_nobody() -> None:
-    drive = driven("match", 26, 8.0)
+@pytest.mark.parametrize("seed", [5, 11, 25])
+def test_seconds_of_a_heap_alone_move_nobody(seed: int) -> None:
+    """Of two of these a handful of points is left now and then, which a pose half a metre away explains."""
+    drive, rng = driven("match", 26, 8.0), np.random.default_rng(seed)
     times = drive.times_s
     frames = [
-        seeing(frame, heap(2.0, 1.0, 300)) if 3.0 <= t < 6.0 else frame
+        seeing(frame, heap(2.0, 1.0, 300, rng)) if 3.0 <= t < 6.0 else frame
         for frame, t in zip(drive.frames, times, strict=True)
     ]
     track = followed("touchline", replace(drive, frames=frames), 26, prior=Prior(Pose(*drive.truth[0].tolist())))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,21 @@ from touchline.perception.line_graph.arms import STRAIGHT_RAD, arms_meet, judge_
 from touchline.perception.line_graph.cell_crossings import white_runs
 from touchline.perception.line_graph.chains import find_chains
 from touchline.perception.line_graph.circle import Circle, without_arcs
-from touchline.perception.line_graph.colour_classes import GREEN, WHITE
+from touchline.perception.line_graph.colour_classes import CELL_PX, GREEN, WHITE
 from touchline.perception.line_graph.field_boundary import smooth_boundary
 from touchline.perception.line_graph.graph import Graph, connect, lead_through, line_graph
+from touchline.perception.line_graph.image_plane import ground_from_pixel, image_plane, make_lens
 from touchline.perception.line_graph.key_nodes import key_nodes
 from touchline.perception.line_graph.lines import split_and_merge
-from touchline.perception.line_graph.profiles import LINE, NO_LINE, find_paint
+from touchline.perception.line_graph.profiles import (
+    LINE,
+    NEAR_PX,
+    NO_LINE,
+    PROFILE_ROOM,
+    Pixels,
+    find_paint,
+    read_profile,
+)
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
 from touchline.types import Frame, Lines, Observation
@@ -244,6 +254,29 @@ def test_paint_is_found_between_carpet() -> None:
     assert find_paint(thin, 1.2, 5.0)[:2] == (LINE, pytest.approx(4.5, abs=0.3))
     assert find_paint(np.ones(11), 4.0, 2.0)[0] == NO_LINE
     assert find_paint(np.zeros(11), 4.0, 2.0)[0] == NO_LINE
+
+
+@pytest.mark.parametrize("wide_px", [4.0, 9.0, 15.0, 26.0])
+@pytest.mark.parametrize("off_px", [-1.2, 0.0, 0.7])
+def test_profiles_of_near_lines_whose_samples_are_pixels_apart_are_right_to_a_millimetre(
+    wide_px: float, off_px: float
+) -> None:
+    """Of a camera that looks down at paint 5 cm wide, whose edges are a pixel and a half of blur."""
+    down = Pose3.from_roll_pitch_yaw(0.0, math.pi / 2.0, 0.0, (0.0, 0.0, 1.0))
+    camera = PinholeCamera(160, 120, 20.0 * wide_px, 20.0 * wide_px, 79.5, 59.5, np.zeros(5), down)
+    plane, middle = image_plane(make_lens(camera), GroundView(camera)), 70.0
+    x, y = ground_from_pixel(plane, middle, 60.0)
+    share = np.clip((0.5 * wide_px - np.abs(np.arange(160.0) - middle - off_px)) / 1.5 + 0.5, 0.0, 1.0)[:, np.newaxis]
+    row = (1.0 - share) * np.array([40.0, 120.0, 40.0]) + share * np.array([220.0, 220.0, 220.0])
+    image = np.tile(np.rint(row).astype(np.uint8), (120, 1, 1))
+    signal = (np.arange(256.0) - np.array([[40.0], [120.0], [40.0]])) / 460.0
+    cells = 120 // CELL_PX, 160 // CELL_PX
+    pixels = Pixels(image, 0.02, signal, np.ones(cells), np.zeros(cells), 0.05, 1.4, 0.7)
+    found = np.empty(PROFILE_ROOM)
+    assert read_profile(pixels, plane, x, y, 0.0, 1.0, found, NEAR_PX) == LINE
+    assert found[0] == pytest.approx(middle + off_px, abs=max(0.1, 0.02 * wide_px))
+    assert found[2] == pytest.approx(wide_px, rel=0.08)
+    assert found[3] == pytest.approx(wide_px, rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])

@@ -26,9 +26,11 @@ from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.game_states import game_prior
 from touchline.localization.estimator.stamp_delay import StampDelay
+from touchline.localization.estimator.watch import FieldWatch
 from touchline.localization.registration.feature_model import FeatureModel, field_lines
 from touchline.localization.registration.registration import Registration
 from touchline.localization.registration.seen import seen_of
+from touchline.localization.search.field_search import WHOLE, FieldSearch
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline, TouchlineSettings
@@ -149,6 +151,19 @@ def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
     assert sum(one.probability or 0.0 for one in estimate.hypotheses) + (estimate.probability or 0.0) == pytest.approx(
         1
     )
+
+
+@pytest.mark.parametrize("every", [1, 3, 5, 6, 15])
+def test_the_whole_field_is_searched_once_in_so_many_images(every: int) -> None:
+    """In five parts or, more often than every fifth image, in one part an image."""
+    watch = FieldWatch(FieldSearch(FIELD), every)
+    parts = [watch.part(in_doubt=False, follows=True) for _ in range(4 * every)]
+    searched = [part for part in parts if part is not None]
+    count = min(every, 5)
+    assert [index for index, _ in searched] == [(k + 1) % count for k in range(len(searched))]
+    assert {of for _, of in searched} == {count}
+    assert len(searched) == 4 * count
+    assert watch.part(in_doubt=True, follows=True) == WHOLE
 
 
 SEARCHES_ON = "the search of the field goes on in the next image"

@@ -32,7 +32,7 @@ from touchline.perception.colour import (
 )
 from touchline.perception.detector import check_size
 from touchline.perception.field_boundary import gap_lengths, keep_within_green
-from touchline.perception.path_samples import no_samples, sample_paths
+from touchline.perception.path_samples import fetch, no_samples, sample_paths
 from touchline.perception.profiles import (
     COLUMNS,
     ProfileLimits,
@@ -209,6 +209,12 @@ class LinePointDetector:
         self._know(None)
         self._smoothing_px = 0.0
         self._see_body(np.zeros_like(self.body))
+
+    def fetch(self, image: ImageArray) -> None:
+        """Have an image (H, W, 3) of this camera in the processor's caches, where `follow` and `detect` read it in no
+        order: nothing else changes.
+        """
+        fetch(image, self.scan_lines)
 
     def follow(self, image: ImageArray) -> None:
         """Take on the tint that an image (H, W, 3) gives the carpet. Raises InputError for one of another size."""

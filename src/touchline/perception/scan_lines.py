@@ -16,6 +16,7 @@ FILL_FROM = 0.5  # share of the outer radius from which short rays stand between
 _MAX_SAMPLES = 10_000_000
 _CIRCLE_OVERLAP = 60  # samples by which a circle goes on past its start so that a line lying there is seen whole
 _SAMPLES_A_LINE = 3.5  # that tell both of its edges
+CACHE_LINE = 64  # bytes
 MAX_STEP_PX = 1.5  # farther apart, what is far thinner than a line looks as wide as one
 
 
@@ -27,7 +28,8 @@ class ScanLines:
     closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
     corners: (N,) index of the sample's upper left pixel's first channel in an image laid flat; shares: (2, N) how far
     the sample is on its way to the next pixel in u and v. Both for bilinear look-up.
-    span: of the corners, the lower ones included. radii_px: (R,) of the samples of a full ray.
+    touched: (T,) indices in that image, in order, one in each line of the processor's cache that the samples' pixels
+    lie in. radii_px: (R,) of the samples of a full ray.
     """
 
     samples: FloatArray
@@ -35,7 +37,7 @@ class ScanLines:
     closed: IntArray
     corners: Int32Array
     shares: Float32Array
-    span: tuple[int, int]
+    touched: Int32Array
     radii_px: FloatArray
 
     def at_samples(self, picture: BoolArray) -> BoolArray:
@@ -96,8 +98,9 @@ def build_scan_lines(
     whole = np.floor(samples)
     corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
     shares = np.ascontiguousarray((samples - whole).T, np.float32)
-    span = (int(corners.min()), int(corners.max()) + 3 * camera.width + 1) if len(corners) else (0, 0)
-    return ScanLines(samples, starts, lengths, corners, shares, span, radii_px)
+    rows = np.concatenate((corners, corners + 3 * camera.width))
+    touched = CACHE_LINE * np.unique(np.concatenate((rows, rows + 5)) // CACHE_LINE)
+    return ScanLines(samples, starts, lengths, corners, shares, touched.astype(np.int32), radii_px)
 
 
 def usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:

@@ -134,6 +134,7 @@ class SelfLearningDetector:
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
         detector = self.detector
+        detector.fetch(image)
         if self._kept is None and self.settings.paper.again:
             detector.follow(image)
         points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)

@@ -34,22 +34,14 @@ class Tint:
         """Whether an image (H, W, 3) has another one. pixels (N, 2): v, u of those that see the ground; green (3,): of
         the learned carpet.
         """
-        usual = (green / green.sum()).tolist()
-        shares, least = np.empty(3), _GREENISH * (usual[1] - 1.0 / 3.0)
-        if _carpet_shares(np.ascontiguousarray(image), pixels, least, shares) < _MIN_PIXELS:
-            return False
-        change = [
-            math.log(max(share, 1e-3) / max(own, 1e-6)) for share, own in zip(shares.tolist(), usual, strict=True)
-        ]
-        if self._warmth:
-            warmth = 0.5 * (change[0] - change[2])
-            change = [warmth, 0.0, -warmth]
-        tint = [math.exp(min(max(each, -_MAX_TINT), _MAX_TINT)) for each in change]
-        changed = any(abs(math.log(new / old)) > _MIN_TINT for new, old in zip(tint, self.value.tolist(), strict=True))
-        as_learned = self.value is not NO_TINT and all(abs(math.log(each)) < 0.5 * _MIN_TINT for each in tint)
-        if changed or as_learned:
-            self.value = NO_TINT if as_learned else np.array(tint)
-        return changed or as_learned
+        tint = np.empty(3)
+        changed, is_learned = _compared(np.ascontiguousarray(image), pixels, green, self._warmth, self.value, tint)
+        if is_learned and self.value is not NO_TINT:
+            self.value = NO_TINT
+            return True
+        if changed:
+            self.value = tint
+        return changed
 
 
 def tinted_model(model: ColourModel, tint: FloatArray) -> ColourModel:
@@ -65,13 +57,34 @@ def tinted_colours(model: ColourModel, tint: FloatArray) -> ColourModel:
 
 
 @njit(cache=True, error_model="numpy")
-def _carpet_shares(image: ImageArray, pixels: IntArray, least: float, median: FloatArray) -> int:
-    """Medians of the shares of B, G, R in those of pixels (N, 2) in which G's exceeds a third by more than the least,
-    into median (3,); how many these are.
+def _compared(image, pixels, green, warmth, before, tint):  # type: ignore[no-untyped-def]
+    """Tint (3,) of the light of an image (H, W, 3) by the green (3,) in its pixels (N, 2): whether it is another one
+    than before (3,), and whether it is none at all. Both are false where too few pixels show carpet.
+    """
+    total, change, medians, changed, is_learned = green[0] + green[1] + green[2], np.zeros(3), np.empty(3), False, True
+    wanted, least = range(0, 3, 2 if warmth else 1), _GREENISH * (green[1] / total - 1.0 / 3.0)
+    if _carpet_shares(image, pixels, least, wanted, medians) < _MIN_PIXELS:
+        return False, False
+    for k in wanted:
+        change[k] = math.log(max(medians[k], 1e-3) / max(green[k] / total, 1e-6))
+    if warmth:
+        change[0] = 0.5 * (change[0] - change[2])
+        change[2] = -change[0]
+    for k in range(3):
+        tint[k] = math.exp(min(max(change[k], -_MAX_TINT), _MAX_TINT))
+        changed = changed or abs(math.log(tint[k] / before[k])) > _MIN_TINT
+        is_learned = is_learned and abs(math.log(tint[k])) < 0.5 * _MIN_TINT
+    return changed, is_learned
+
+
+@njit(cache=True, error_model="numpy")
+def _carpet_shares(image, pixels, least, wanted, median):  # type: ignore[no-untyped-def]
+    """Medians of the shares of those wanted of B, G, R in those of pixels (N, 2) in which G's exceeds a third by more
+    than the least, into median (3,); how many these are.
     """
     shares, count = np.empty((3, len(pixels))), 0
     for i in range(len(pixels)):
-        v, u = pixels[i, 0], pixels[i, 1]
+        v, u = np.uint64(pixels[i, 0]), np.uint64(pixels[i, 1])  # unsigned: none can count from the end
         b, g, r = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
         if max(b, g, r) > _CLIPPED:
             continue
@@ -79,6 +92,6 @@ def _carpet_shares(image: ImageArray, pixels: IntArray, least: float, median: Fl
         shares[0, count], shares[1, count], shares[2, count] = b / total, g / total, r / total
         if g / total - 1.0 / 3.0 > least:
             count += 1
-    for k in range(3 if count else 0):
+    for k in wanted if count else range(0):
         median[k] = median_of(shares[k, :count])
     return count

@@ -7,6 +7,7 @@ from touchline.localization.estimator.bank import CARRIED_AWAY, CARRIED_BLIND, B
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.registration.covariance import is_observed
 from touchline.localization.registration.joint import Seen
+from touchline.localization.registration.seen import points_that_count
 from touchline.types import Status
 
 NO_POSE = "no pose explains an image yet"
@@ -54,7 +55,8 @@ class PoseStatus:
 
     def sees(self, seen: Seen) -> bool:
         """Take what an image shows; whether that is enough to correct a pose."""
-        shows = len(seen.positions_m) >= self.criteria.min_points or len(seen.raw_m) > 0
+        points = points_that_count(seen.positions_m, seen.shares, seen.crude)
+        shows = points >= self.criteria.min_points or len(seen.raw_m) > 0
         self._sees_one = seen.is_one_thing
         self.blind_frames = 0 if shows else self.blind_frames + 1
         self._image_trust = self.trust.of(seen.crude)

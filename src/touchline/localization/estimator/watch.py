@@ -40,24 +40,27 @@ class FieldWatch:
 
     def reset(self) -> None:
         """No image has been searched."""
-        self._since, self._part, self._in_doubt = 0, 0, False
+        self._due, self._part, self._in_doubt = 0, 0, False
         self.left, self.finds_first = 0, False
 
     def part(self, in_doubt: bool, follows: bool) -> tuple[int, int] | None:
         """Which of so many parts is searched in this image, within a budget the first of them; None: nothing. follows:
         whether there is a pose.
         """
-        self._since += 1
         begins, self._in_doubt = in_doubt and not self._in_doubt, in_doubt
         if in_doubt and self.budget_ms is None:
-            self._since = 0
+            self._due = 0
             return WHOLE
         self.left = PARTS if begins else self.left
         self.finds_first = self.left > 0 and (not follows if begins else self.finds_first)
-        parts = PARTS if in_doubt or self.left else min(PARTS, self.every)
-        if not (in_doubt or self.left) and self._since * parts < self.every:
+        if in_doubt or self.left:
+            self._due = 0
+            return self._next(PARTS)
+        parts = min(PARTS, self.every)
+        self._due += parts
+        if self._due < self.every:
             return None
-        self._since = 0
+        self._due -= self.every
         return self._next(parts)
 
     def _next(self, parts: int) -> tuple[int, int]:

@@ -42,8 +42,8 @@ class Seen(NamedTuple):
     """What an image shows, robot frame: line points positions_m (N, 2), covariances_m2 (N, 2, 2), and shares (N,): as
     how many independent ones each counts; noise: ratio of their variances to those that they state. features:
     crossings and landmarks, whose `positions_m` are overwritten by every fit; raw_m (M, 2): those as seen;
-    feature_share: of each. line_ratio: share of the points, thinned to cells, that lies on lines of whatever kind;
-    crude: whether the others were left out (`line_likeness`).
+    feature_share: of each. crude: whether points that lie on no line of whatever kind were left out
+    (`line_likeness`).
     """
 
     positions_m: FloatArray
@@ -53,7 +53,6 @@ class Seen(NamedTuple):
     features: PointFeatures
     raw_m: FloatArray
     feature_share: float
-    line_ratio: float
     crude: bool
 
     @property

@@ -23,9 +23,14 @@ def repeated(count: float) -> float:
     return REPEATED * (1.0 + FEW / max(count, 1.0))
 
 
+def points_that_count(positions_m: FloatArray, shares: FloatArray, crude: bool) -> float:
+    """As how many line points those of `Seen` count: a heap's left-overs are some, and count as hardly one."""
+    return float(shares.sum()) / POINT_SHARE if crude else len(positions_m)
+
+
 def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     """noise: ratio of the variances of line points, as learned, to those that they state."""
-    line_ratio, crude = 1.0, False
+    crude = False
     if len(observation.points):
         points = observation.points
         arrays = points.positions_m, points.covariances_m2, points.confidences
@@ -33,9 +38,8 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
         if len(observation.lines):
             shares = POINT_SHARE * np.minimum(np.maximum(shares, MIN_CONFIDENCE), 1.0)
         else:
-            positions_m, covariances_m2, shares, line_ratio, crude = _counted(positions_m, covariances_m2, shares)
-        count = float(shares.sum()) / POINT_SHARE if crude else len(positions_m)
-        noise *= POINT_SHARE * repeated(count)
+            positions_m, covariances_m2, shares, crude = _counted(positions_m, covariances_m2, shares)
+        noise *= POINT_SHARE * repeated(points_that_count(positions_m, shares, crude))
     else:
         points, shares = points_on(observation.lines)
         positions_m, covariances_m2 = points.positions_m, points.covariances_m2
@@ -48,19 +52,20 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
         found._replace(positions_m=found.positions_m.copy()) if len(found.positions_m) else found,
         np.ascontiguousarray(found.positions_m),
         FEATURE_SHARE,
-        line_ratio,
         crude,
     )
 
 
 @njit(cache=True)
 def _counted(positions_m, covariances_m2, confidences):  # type: ignore[no-untyped-def]
-    """`count_points` by their confidences (N,); weights are shares of a pose's likelihood."""
+    """Positions, covariances and weights of `count_points` by their confidences (N,), and whether they are crude;
+    weights are shares of a pose's likelihood.
+    """
     shares = np.minimum(np.maximum(confidences, MIN_CONFIDENCE), 1.0)
     found = count_points(positions_m, covariances_m2, shares)
     for i in range(len(found.weights)):
         found.weights[i] *= POINT_SHARE
-    return found
+    return found.positions_m, found.covariances_m2, found.weights, found.crude
 
 
 def evenly_counted(seen: Seen) -> Seen:
@@ -80,7 +85,7 @@ def seen_points(points: LinePoints, share: float) -> Seen:
     """Line points alone, each of which counts as so many independent ones."""
     positions_m = np.ascontiguousarray(points.positions_m)
     shares, covariances_m2 = np.full(len(positions_m), share), np.ascontiguousarray(points.covariances_m2)
-    return Seen(positions_m, covariances_m2, shares, 1.0, NO_POINTS, NO_POINTS.positions_m, 0.0, 1.0, False)
+    return Seen(positions_m, covariances_m2, shares, 1.0, NO_POINTS, NO_POINTS.positions_m, 0.0, False)
 
 
 def points_on(lines: Lines) -> tuple[LinePoints, FloatArray]:
