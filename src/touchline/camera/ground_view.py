@@ -6,6 +6,7 @@ tilts); the learned correction of the IMU, on the image of a level robot; the le
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy.typing as npt
 
@@ -96,6 +97,13 @@ def ground_view(
 
     Raises InputError, one sentence, for a camera that heeds the lean and is told none, and for a lean beyond 60°.
     """
+    return _ground_view(camera, base_from_camera, roll_rad, pitch_rad)  # type: ignore[arg-type]  # mypy: no hash
+
+
+@lru_cache(maxsize=4)  # a system asks several times an image
+def _ground_view(
+    camera: Camera, base_from_camera: Pose3 | None, roll_rad: float | None, pitch_rad: float | None
+) -> GroundView:
     if base_from_camera is not None:
         _check_lean(abs(base_from_camera.roll_pitch_yaw()[0]))  # the head pans and tilts as it likes
         return GroundView(camera, base_from_camera)

@@ -15,7 +15,7 @@ from touchline.localization.search.field_search import WHOLE, FieldSearch, Searc
 from touchline.localization.search.pose_search import Known, Mode
 
 PARTS = 5  # of the headings: a fifth of them, in a third of the images, delays none by a whole search
-HOPELESS = 40.0  # logarithm of odds of line points against the pose that is followed from which another is not tried
+HOPELESS = 40.0  # logarithm of odds, of line points or of all, against the pose that is followed: none is tried beyond
 NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
 
 
@@ -83,13 +83,13 @@ class FieldWatch:
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        min_log_likelihood = -math.inf
+        min_log_likelihood = min_of_all = -math.inf
         watches = part != WHOLE and not (self._in_doubt or self.left)
-        if watches and trust.free_fit and best is not None and best.fit is not None:
-            min_log_likelihood = best.fit.log_likelihood / POINT_SHARE - HOPELESS
-        searched = Searched(
-            seen, view_at, upright, expected, image.response, trust.free_fit, min_log_likelihood=min_log_likelihood
-        )
+        if watches and best is not None and best.fit is not None:
+            min_of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
+            min_log_likelihood = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
+        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit)
+        searched = searched._replace(min_log_likelihood=min_log_likelihood, min_of_all=min_of_all)
         modes = tuple(
             mode for mode in self.search.modes(searched, known, part) if mode.log_likelihood > min_log_likelihood
         )

@@ -47,13 +47,13 @@ class FeatureSearch:
 
     def modes(
         self, seen: Seen, views: Sequence[tuple[FloatArray, FeatureView]], expected: StatePrior, response: Response,
-        known: Sequence[Known] = (), part: tuple[int, int] = (0, 1),
+        known: Sequence[Known] = (), part: tuple[int, int] = (0, 1), min_log_likelihood: float = -math.inf,
     ) -> tuple[Mode, ...]:  # fmt: skip
         """The registered poses, the likeliest first; none of an image that gives no position.
 
         views: errors (K,) that the camera may have, and the same as `seen` without them. expected: what is known of the
         camera; its pose is not used. known: of the pose. part: which of so many parts of the proposed poses, every nth,
-        are registered.
+        are registered. min_log_likelihood: of all that is seen, below which a pose is not wanted.
         """
         information = expected.information.copy()
         information[:3], information[:, :3] = 0.0, 0.0
@@ -68,6 +68,8 @@ class FeatureSearch:
                 prior = StatePrior(np.concatenate((pose, expected.mean[3:])), information)
                 start = np.concatenate((pose, errors))
                 fit = self.registration.fit_state(seen, start, prior, TRACKING, response)
+                if fit.log_likelihood < min_log_likelihood:
+                    continue
                 off = fit.state[3:] - expected.mean[3:]
                 if (np.abs(off) <= MAX_ERROR_Z * deviations).all():
                     found.append(self._registered(fit, known))

@@ -34,7 +34,8 @@ class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without errors (K,) of the camera, its line
     points (N, 2) without those that are known, and what is expected of pose and camera. all_round: whether it shows the
     whole field; pairs of the lines of a sector fit fewer places than its points, and tell how its camera leans.
-    attitudes: how many are searched. min_log_likelihood: of line points, below which a pose is not wanted.
+    attitudes: how many are searched. min_log_likelihood: of line points, and min_of_all: of all that is seen, below
+    which a pose is not wanted.
     """
 
     seen: Seen
@@ -45,6 +46,7 @@ class Searched(NamedTuple):
     all_round: bool
     attitudes: int = LIKELY
     min_log_likelihood: float = -math.inf
+    min_of_all: float = -math.inf
 
 
 class FieldSearch:
@@ -76,7 +78,8 @@ class FieldSearch:
         if view.size:
             attitudes = self.attitudes(searched)
             views = [(each, view if np.array_equal(each, mean) else searched.view_at(each)) for each in attitudes]
-            more = self.features.modes(seen, views, searched.expected, searched.response, known, part)
+            camera = searched.expected, searched.response
+            more = self.features.modes(seen, views, *camera, known, part, searched.min_of_all)
             poses = [one.pose for one in found]
             found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
         return found

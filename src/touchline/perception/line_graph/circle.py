@@ -117,12 +117,20 @@ def _leaned(
     """
     if lean == NO_LEAN:
         return points_m
-    x, y, height = at
-    turn = _turn(*lean)
-    rays = np.concatenate((points_m - (x, y), np.full((*points_m.shape[:-1], 1), -height)), axis=-1)
-    rays = rays @ (turn if back else turn.T)
-    down = np.where(rays[..., 2:] < 0.0, -rays[..., 2:], np.nan)
-    return np.ascontiguousarray((x, y) + height * rays[..., :2] / down)
+    turn, leaned = _turn(*lean), np.empty(points_m.shape)
+    _lean(points_m.reshape(-1, 2), at, turn.T if back else turn, leaned.reshape(-1, 2))
+    return leaned
+
+
+@njit(cache=True, error_model="numpy")
+def _lean(points_m, at, turn, leaned):  # type: ignore[no-untyped-def]
+    """Ground points (N, 2) as a camera `at` x, y, height sees them that is turned (3, 3), into leaned (N, 2)."""
+    for i in range(len(points_m)):
+        x, y = points_m[i, 0] - at[0], points_m[i, 1] - at[1]
+        down = at[2] * turn[2, 2] - turn[2, 0] * x - turn[2, 1] * y
+        scale = at[2] / down if down > 0.0 else math.nan
+        for k in range(2):
+            leaned[i, k] = at[k] + scale * (turn[k, 0] * x + turn[k, 1] * y - turn[k, 2] * at[2])
 
 
 @lru_cache(maxsize=64)
@@ -209,50 +217,60 @@ def _leave_out(ground: FloatArray, lines_m: FloatArray, long_m: float, tangents:
 
 
 @njit(cache=True, error_model="numpy")
-def _members(ground: FloatArray, tangents: FloatArray, radius_m: float, x: float, y: float, use: BoolArray) -> int:
-    """Mark the nodes that lie on a circle and along it; returns in how many of 24 sectors there are some."""
-    sectors = np.zeros(_SECTORS, dtype=np.bool_)
-    for node in range(len(ground)):
-        use[node] = False
-        if math.isnan(tangents[node, 0]):
-            continue
-        dx, dy = ground[node, 0] - x, ground[node, 1] - y
-        distance = math.hypot(dx, dy)
-        slack = _NEAR_M + _NEAR_RATIO * math.hypot(ground[node, 0], ground[node, 1])
-        if not (abs(distance - radius_m) < slack and distance > 0.0):
-            continue
-        if not abs(dx * tangents[node, 1] - dy * tangents[node, 0]) > _TANGENT_COS * distance:
-            continue
-        use[node] = True
-        sectors[int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * _SECTORS) % _SECTORS] = True
-    return int(sectors.sum())
+def _members(nodes: FloatArray, radius_m: float, x: float, y: float, use: BoolArray) -> int:
+    """Mark those of nodes (N, 5) that lie on a circle and along it; returns in how many of 24 sectors there are some.
+
+    nodes: ground point, unit direction of the line there, and how far off the circle it may lie.
+    """
+    sectors, count = 0, 0
+    for node in range(len(nodes)):
+        dx, dy, slack = nodes[node, 0] - x, nodes[node, 1] - y, nodes[node, 4]
+        distance = math.sqrt(dx * dx + dy * dy)
+        use[node] = (
+            abs(distance - radius_m) < slack
+            and distance > 0.0
+            and abs(dx * nodes[node, 3] - dy * nodes[node, 2]) > _TANGENT_COS * distance
+        )
+        if use[node]:
+            sectors |= 1 << int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * _SECTORS) % _SECTORS
+    for sector in range(_SECTORS):
+        count += sectors >> sector & 1
+    return count
 
 
 @njit(cache=True, error_model="numpy")
 def _best_circle(ground: FloatArray, tangents: FloatArray, radius_m: float, found: FloatArray) -> bool:
     """The middle that most sectors speak for, then by least squares; x, y, sectors, deviation into found (4,)."""
-    use = np.zeros(len(ground), dtype=np.bool_)
-    best = 0
+    nodes, use = np.empty((len(ground), 5)), np.zeros(len(ground), dtype=np.bool_)
+    known = 0
+    for node in range(len(ground)):
+        if math.isnan(tangents[node, 0]):
+            continue
+        x, y = ground[node, 0], ground[node, 1]
+        nodes[known, 0], nodes[known, 1], nodes[known, 4] = x, y, _NEAR_M + _NEAR_RATIO * math.hypot(x, y)
+        nodes[known, 2], nodes[known, 3] = tangents[node, 0], tangents[node, 1]
+        known += 1
+    nodes, best = nodes[:known], 0
     for node in range(0, len(ground), _EVERY):
         if math.isnan(tangents[node, 0]):
             continue
         for side in (-radius_m, radius_m):
             x, y = ground[node, 0] - side * tangents[node, 1], ground[node, 1] + side * tangents[node, 0]
-            sectors = _members(ground, tangents, radius_m, x, y, use)
+            sectors = _members(nodes, radius_m, x, y, use)
             if sectors > best:
                 best = sectors
                 found[0], found[1] = x, y
     if best < _MIN_SECTORS:
         return False
     for _ in range(_ROUNDS):
-        best = _members(ground, tangents, radius_m, found[0], found[1], use)
+        best = _members(nodes, radius_m, found[0], found[1], use)
         if best < _MIN_SECTORS:
             return False
         a, b, c, p, q, squares, count = 1e-9, 0.0, 1e-9, 0.0, 0.0, 0.0, 0
-        for node in range(len(ground)):
+        for node in range(known):
             if not use[node]:
                 continue
-            dx, dy = found[0] - ground[node, 0], found[1] - ground[node, 1]
+            dx, dy = found[0] - nodes[node, 0], found[1] - nodes[node, 1]
             distance = math.hypot(dx, dy)
             dx, dy, off = dx / distance, dy / distance, radius_m - distance
             a, b, c, p, q = a + dx * dx, b + dx * dy, c + dy * dy, p + dx * off, q + dy * off

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import BoolArray, FloatArray, IntArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.colour_classes import (
     BLACK,
     CELL_PX,
@@ -24,6 +25,7 @@ from touchline.perception.line_graph.image_plane import (
     Lens,
     ground_covariances,
     ground_from_pixel,
+    horizon_rows,
     plane_from_pixel,
 )
 from touchline.perception.sorting import median_of
@@ -49,6 +51,23 @@ class BoundaryThresholds(NamedTuple):
     pixel: float
     row: float
     window: float
+
+
+@njit(cache=True)
+def find_boundary(counts, plane, limits, plain, horizon, ends):  # type: ignore[no-untyped-def]
+    """All of section 3.1: the height of the boundary, smoothed, into ends (columns,), and the highest row that sees
+    ground into horizon (columns,). plain: as the paper has it, without our additions.
+    """
+    counts, plane, horizon, ends = uncounted((counts, plane, horizon, ends))
+    rows, columns = counts.shape[1:]
+    merged, field, rough = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.bool_), np.empty(columns)
+    field_colour(counts, merged)
+    binarize(merged, limits, field)
+    horizon_rows(plane, columns, rows, horizon)
+    scan_columns(field, counts, horizon, plain, rough)
+    if not plain:
+        cut_to_edges(plane.lens, counts, rough)
+    smooth_boundary(rough, ends)
 
 
 @njit(cache=True)

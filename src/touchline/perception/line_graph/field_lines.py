@@ -11,8 +11,8 @@ from touchline.matrices import copy_row, uncounted
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
-    measured_grounds,
-    pixels_from_planes,
+    measure_grounds,
+    pixel_from_plane,
     planes_from_pixels,
     transformed,
 )
@@ -114,12 +114,25 @@ def _are_strong(points: FloatArray) -> BoolArray:
 
 def lines_on_ground(found: FoundLines, plane: ImagePlane, settings: LineGraphSettings) -> tuple[Lines, LinePoints]:
     """The lines and their points in the robot frame."""
-    uv = pixels_from_planes(plane.lens, found.planes.reshape(-1, 2))
-    ground, covariances = measured_grounds(plane, uv, settings.noise_px, settings.noise_m)
-    lines = Lines(ground.reshape(-1, 2, 2), covariances.reshape(-1, 2, 2, 2), found.confidences, uv.reshape(-1, 2, 2))
-    at = found.points[:, :2].copy()
-    ground, covariances = measured_grounds(plane, at, settings.noise_px, settings.noise_m)
-    return lines, LinePoints(ground, covariances, np.minimum(np.maximum(found.points[:, 3], 0.0), 1.0), at)
+    ends, count = 2 * len(found.planes), len(found.points)  # the ends of the lines, then the points
+    uv, ground, covariances = np.empty((ends + count, 2)), np.empty((ends + count, 2)), np.empty((ends + count, 2, 2))
+    _measure(plane, found, settings.noise_px, settings.noise_m, uv, ground, covariances)
+    of_lines = ground[:ends].reshape(-1, 2, 2), covariances[:ends].reshape(-1, 2, 2, 2)
+    lines = Lines(*of_lines, found.confidences, uv[:ends].reshape(-1, 2, 2))
+    sure = np.minimum(np.maximum(found.points[:, 3], 0.0), 1.0)
+    return lines, LinePoints(ground[ends:], covariances[ends:], sure, uv[ends:])
+
+
+@njit(cache=True, error_model="numpy")
+def _measure(plane, found, noise_px, noise_m, uv, ground, covariances):  # type: ignore[no-untyped-def]
+    """Pixels of the ends of lines and of their points, into uv (N, 2), and what `measure_grounds` makes of them."""
+    lens, ends = plane.lens, 2 * len(found.planes)
+    for k in range(ends):
+        line, end = found.planes[k // 2], 2 * (k % 2)
+        uv[k, 0], uv[k, 1] = pixel_from_plane(lens, line[end], line[end + 1])
+    for k in range(len(found.points)):
+        uv[ends + k, 0], uv[ends + k, 1] = found.points[k, 0], found.points[k, 1]
+    measure_grounds(plane, uv, noise_px, noise_m, ground, covariances)
 
 
 def cell_pixels(places: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ _RANKS = 3
 _REACH = 6.0  # cells that a candidate connection may bridge
 _BESIDE = 1.0  # cells: a connection that passes a node by so closely leads through it
 _TURN = math.radians(40.0)  # by how much a line may turn where a connection continues it
+_TAN_TURN = math.tan(_TURN)
 _MAX_CANDIDATES = 4096
 _PALEST = 0.25  # least whiteness along a candidate connection, as a share of its nodes'
 
@@ -151,9 +152,12 @@ def connect_regions(ranks: ByteArray, node_at: IntArray, graph: Graph) -> None:
             if ranks[row, column] == NO_SKELETON:
                 continue
             count = _nodes_near(node_at, row, column, here)
+            for k in range(count):
+                for m in range(k + 1, count):
+                    connect(graph, here[k], here[m])
             for r in range(row, min(row + 2, rows)):
                 for c in range(max(column - 1, 0), min(column + 2, columns)):
-                    if ranks[r, c] == NO_SKELETON or (r == row and c < column):
+                    if ranks[r, c] == NO_SKELETON or (r == row and c <= column):
                         continue
                     beside = _nodes_near(node_at, r, c, there)
                     for k in range(count):
@@ -227,6 +231,14 @@ def _turn(graph: Graph, before: int, node: int, after_x: float, after_y: float) 
 
 
 @njit(cache=True)
+def _goes_on(graph: Graph, before: int, node: int, after_x: float, after_y: float) -> bool:
+    """Whether that angle is small: a line may turn so."""
+    x, y = graph.places[node, 0] - graph.places[before, 0], graph.places[node, 1] - graph.places[before, 1]
+    along = x * after_x + y * after_y
+    return bool(along >= 0.0 and abs(x * after_y - y * after_x) <= _TAN_TURN * along)
+
+
+@njit(cache=True)
 def whiteness_between(smooth: FloatArray, x0: float, y0: float, x1: float, y1: float) -> float:
     """Least whiteness on the straight line between two places (columns, rows), its ends left out."""
     steps = max(int(2.0 * max(abs(x1 - x0), abs(y1 - y0))), 2)
@@ -244,15 +256,11 @@ def _is_continued(graph: Graph, node: int, x: float, y: float) -> bool:
     if degree == 0:
         return True
     if degree == 1:
-        return _turn(graph, graph.links[node, 0], node, x, y) < _TURN
+        return _goes_on(graph, graph.links[node, 0], node, x, y)
     if degree == 2:
         a, b = graph.links[node, 0], graph.links[node, 1]
         bx, by = graph.places[b, 0] - graph.places[node, 0], graph.places[b, 1] - graph.places[node, 1]
-        return (
-            _turn(graph, a, node, bx, by) < _TURN
-            or _turn(graph, a, node, x, y) < _TURN
-            or _turn(graph, b, node, x, y) < _TURN
-        )
+        return _goes_on(graph, a, node, bx, by) or _goes_on(graph, a, node, x, y) or _goes_on(graph, b, node, x, y)
     return bool(degree < MAX_DEGREE)
 
 
@@ -344,9 +352,8 @@ def _passes_by(graph: Graph, a: int, b: int, x: float, y: float) -> bool:
     """Whether the connection of two nodes passes within a cell of a place between them."""
     ax, ay = graph.places[a, 0], graph.places[a, 1]
     dx, dy = graph.places[b, 0] - ax, graph.places[b, 1] - ay
-    length = math.hypot(dx, dy)
-    along = ((x - ax) * dx + (y - ay) * dy) / length
-    return bool(0.0 < along < length and abs((x - ax) * dy - (y - ay) * dx) <= _BESIDE * length)
+    length2, along, aside = dx * dx + dy * dy, (x - ax) * dx + (y - ay) * dy, (x - ax) * dy - (y - ay) * dx
+    return bool(0.0 < along < length2 and aside * aside <= _BESIDE**2 * length2)
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from numba import njit
 
 from touchline.camera import GroundView, PinholeCamera
 from touchline.geometry import FloatArray
+from touchline.matrices import inverse
 from touchline.perception.line_graph.colour_classes import CELL_PX
 
 Numbers = tuple[float, ...]  # no arrays: their references would be counted with every call
@@ -72,7 +73,7 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
         ground = ground @ np.linalg.solve(pixels, view.correction.homography(view.roll_rad, view.pitch_rad) @ pixels)
     size, h = (float(view.camera.width), float(view.camera.height)), _numbers(ground)
     height = math.sqrt(sum((h[k] - x * h[6 + k]) ** 2 for k in range(3)))
-    return ImagePlane(lens, h, _numbers(np.linalg.inv(ground)), size, (x, y), height)
+    return ImagePlane(lens, h, _numbers(inverse(ground)), size, (x, y), height)
 
 
 @njit(cache=True, error_model="numpy")
@@ -136,15 +137,6 @@ def planes_from_pixels(plane: ImagePlane, pixels: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def pixels_from_planes(lens: Lens, points: FloatArray) -> FloatArray:
-    """`pixel_from_plane` of places (N, 2), as (N, 2)."""
-    pixels = np.empty((len(points), 2))
-    for i in range(len(points)):
-        pixels[i, 0], pixels[i, 1] = pixel_from_plane(lens, points[i, 0], points[i, 1])
-    return pixels
-
-
-@njit(cache=True, error_model="numpy")
 def grounds_from_pixels(plane: ImagePlane, pixels: FloatArray) -> FloatArray:
     """`ground_from_pixel` of pixels (N, 2), as (N, 2)."""
     points = np.empty((len(pixels), 2))
@@ -174,25 +166,24 @@ def pixels_from_grounds(plane: ImagePlane, points: FloatArray) -> FloatArray:
 @njit(cache=True, error_model="numpy")
 def ground_covariances(plane: ImagePlane, pixels: FloatArray, noise_px: float, noise_m: float) -> FloatArray:
     """(N, 2, 2) covariances (m²) of the ground points of pixels (N, 2): noise of the pixel and of the ground."""
-    covariances = np.empty((len(pixels), 2, 2))
+    ground, covariances = np.empty((len(pixels), 2)), np.empty((len(pixels), 2, 2))
+    measure_grounds(plane, pixels, noise_px, noise_m, ground, covariances)
+    return covariances
+
+
+@njit(cache=True, error_model="numpy")
+def measure_grounds(plane, pixels, noise_px, noise_m, ground, covariances):  # type: ignore[no-untyped-def]
+    """Ground points of pixels (N, 2), into ground (N, 2), and `ground_covariances`, into covariances (N, 2, 2)."""
     for i in range(len(pixels)):
         u, v = pixels[i, 0], pixels[i, 1]
         x, y = ground_from_pixel(plane, u, v)
         ux, uy = ground_from_pixel(plane, u + 0.5, v)
         vx, vy = ground_from_pixel(plane, u, v + 0.5)  # downwards: never above the horizon
         a, b, c, d = 2.0 * (ux - x), 2.0 * (vx - x), 2.0 * (uy - y), 2.0 * (vy - y)
+        ground[i, 0], ground[i, 1] = x, y
         covariances[i, 0, 0] = noise_px**2 * (a * a + b * b) + noise_m**2
         covariances[i, 1, 1] = noise_px**2 * (c * c + d * d) + noise_m**2
         covariances[i, 0, 1] = covariances[i, 1, 0] = noise_px**2 * (a * c + b * d)
-    return covariances
-
-
-@njit(cache=True, error_model="numpy")
-def measured_grounds(
-    plane: ImagePlane, pixels: FloatArray, noise_px: float, noise_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """`grounds_from_pixels` and `ground_covariances`."""
-    return grounds_from_pixels(plane, pixels), ground_covariances(plane, pixels, noise_px, noise_m)
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,7 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
-from touchline.geometry import BoolArray, FloatArray, IntArray
+from touchline.geometry import FloatArray, IntArray
+from touchline.matrices import uncounted
 from touchline.perception.line_graph.colour_classes import CELL_PX, FULL, GREEN, WHITE, CountArray
 from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel
 
@@ -23,32 +24,42 @@ _MAX_CELLS = 100
 @njit(cache=True, error_model="numpy")
 def find_penalty_marks(counts: CountArray, ends: FloatArray, plane: ImagePlane, diameter: float) -> FloatArray:
     """(N, 2) pixels of the middles of marks of a diameter (m). ends: (columns,) height of the field's boundary."""
+    counts, plane = uncounted((counts, plane))
     rows, columns = counts.shape[1:]
-    visited = np.zeros((rows, columns), dtype=np.bool_)
-    stack = np.empty((rows * columns, 2), dtype=np.int64)
+    patches, number = np.zeros((rows, columns), dtype=np.int64), 0
+    stack, sums = np.empty((_MAX_CELLS + 8, 2), dtype=np.int64), np.empty(5)
     found = np.empty((_MAX_CELLS, 2))
     count = 0
     for row in range(1, rows - 1):
         for column in range(1, columns - 1):
-            if visited[row, column] or counts[WHITE, row, column] < _MIN_WHITE_PIXELS or rows - row > ends[column]:
+            if patches[row, column] or counts[WHITE, row, column] < _MIN_WHITE_PIXELS or rows - row > ends[column]:
                 continue
-            sums = _patch(counts, visited, stack, row, column)
-            if sums[0] > 0.0 and count < _MAX_CELLS and _is_mark(sums, plane, diameter):
-                found[count] = sums[1:3]
+            number += 1
+            stack[0, 0], stack[0, 1] = row, column
+            if (
+                _is_alone(counts, patches, number, stack, sums)
+                and count < _MAX_CELLS
+                and _is_mark(sums, plane, diameter)
+            ):
+                found[count, 0], found[count, 1] = sums[1], sums[2]
                 count += 1
     return found[:count]
 
 
 @njit(cache=True)
-def _patch(counts: CountArray, visited: BoolArray, stack: IntArray, row: int, column: int) -> FloatArray:
-    """(5,) area, u, v, variances of u and of v of the patch of white cells about one; area 0 if it isn't alone."""
+def _is_alone(counts: CountArray, patches: IntArray, number: int, stack: IntArray, sums: FloatArray) -> bool:
+    """Whether the patch of white cells about the first of the stack is small and alone on the carpet; its area, u, v,
+    variances of u and of v into sums (5,).
+
+    patches: (rows, columns) which one a cell belongs to. What is left of one that is not alone, as its cells are not
+    followed to the last, touches it.
+    """
     rows, columns = counts.shape[1:]
-    stack[0] = row, column
-    visited[row, column] = True
-    count, done, alone = 1, 0, True
-    sums = np.zeros(5)
+    patches[stack[0, 0], stack[0, 1]] = number
+    count, done = 1, 0
+    sums[:] = 0.0
     while done < count:
-        r, c = stack[done]
+        r, c = stack[done, 0], stack[done, 1]
         done += 1
         white, u, v = np.float64(counts[WHITE, r, c]), CELL_PX * (c + 0.5) - 0.5, CELL_PX * (r + 0.5) - 0.5
         sums[0] += white
@@ -56,24 +67,27 @@ def _patch(counts: CountArray, visited: BoolArray, stack: IntArray, row: int, co
         sums[2] += white * v
         sums[3] += white * u * u
         sums[4] += white * v * v
-        alone = alone and 0 < r < rows - 1 and 0 < c < columns - 1
-        for nr in range(max(r - 1, 0), min(r + 2, rows)):
-            for nc in range(max(c - 1, 0), min(c + 2, columns)):
-                if visited[nr, nc] and counts[WHITE, nr, nc] >= _MIN_WHITE_PIXELS:
+        if not (0 < r < rows - 1 and 0 < c < columns - 1):
+            return False
+        for nr in range(r - 1, r + 2):
+            for nc in range(c - 1, c + 2):
+                if patches[nr, nc] == number:
                     continue
                 if counts[WHITE, nr, nc] >= _MIN_WHITE_PIXELS:
-                    visited[nr, nc] = True
-                    stack[count] = nr, nc
+                    if patches[nr, nc]:
+                        return False
+                    patches[nr, nc] = number
+                    stack[count, 0], stack[count, 1] = nr, nc
                     count += 1
-                else:
-                    alone = alone and counts[GREEN, nr, nc] + counts[WHITE, nr, nc] >= _CARPET * FULL
-    if not alone or count > _MAX_CELLS:
-        return np.zeros(5)
+                elif counts[GREEN, nr, nc] + counts[WHITE, nr, nc] < _CARPET * FULL:
+                    return False
+        if count > _MAX_CELLS:
+            return False
     for k in range(1, len(sums)):
         sums[k] /= sums[0]
     sums[3] -= sums[1] ** 2
     sums[4] -= sums[2] ** 2
-    return sums
+    return True
 
 
 @njit(cache=True, error_model="numpy")

@@ -24,16 +24,9 @@ from touchline.perception.line_graph.colour_classes import (
     suppress_fringes,
 )
 from touchline.perception.line_graph.contrast import BLOCK_PX, mean_blocks, white_blocks
-from touchline.perception.line_graph.field_boundary import (
-    BoundaryThresholds,
-    binarize,
-    cut_to_edges,
-    field_colour,
-    scan_columns,
-    smooth_boundary,
-)
+from touchline.perception.line_graph.field_boundary import BoundaryThresholds, find_boundary
 from touchline.perception.line_graph.graph import Graph, line_graph
-from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel, horizon_rows
+from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells, white_inside
 from touchline.types import ImageArray
@@ -145,17 +138,10 @@ def _white_codes(light: FloatArray, white_from: float, until: float, codes: Byte
 
 
 def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings) -> tuple[FloatArray, FloatArray]:
-    rows, columns = counts.shape[1:]
-    merged, field = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.bool_)
-    field_colour(counts, merged)
+    columns = counts.shape[2]
     limits = BoundaryThresholds(settings.pixel_threshold, settings.row_threshold, settings.window_threshold)
-    binarize(merged, limits, field)
-    horizon, rough, ends = np.empty(columns), np.empty(columns), np.empty(columns)
-    horizon_rows(plane, columns, rows, horizon)
-    scan_columns(field, counts, horizon, settings.paper.plain_boundary, rough)
-    if not settings.paper.plain_boundary:
-        cut_to_edges(plane.lens, counts, rough)
-    smooth_boundary(rough, ends)
+    horizon, ends = np.empty(columns), np.empty(columns)
+    find_boundary(counts, plane, limits, settings.paper.plain_boundary, horizon, ends)
     return ends, horizon
 
 
