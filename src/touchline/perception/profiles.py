@@ -17,10 +17,8 @@ from touchline.perception.path_samples import BODY, LEVEL
 
 FLANK = 4  # samples of the green wanted on both sides of a line: averages noise, fits between two lines
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
-HALVINGS = 4
-BLOCK = (
-    2**HALVINGS
-)  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
+BLOCK = 16  # samples that share one bound, and are looked at together by SIMD instructions
+GREEN_FLANK, BARE_FLANK = np.uint8(16), np.uint8(32)  # three quarters of its samples are green; none is, nor the robot
 COLUMNS = 8  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path, px beside floor
 ROW_M, ROW_ASIDE_M, ROW_POINTS = 1.5, 0.05, 4  # points beside a floor count where so many more lie on a line with them
 _PALEST = 0.7  # of the way from carpet to grey: so far may be what is green, and as far as carpet in its usual light is
@@ -73,47 +71,116 @@ class ProfileLimits(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
-    """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
-    count, carpet = FLANK, limits.carpet
-    level = blue = green = red = 0.0
-    for m in range(count):
-        k = first + step * np.uint64(m)
-        blue += values[0, k]
-        green += values[1, k]
-        red += values[2, k]
-        level += values[LEVEL, k]
-    blue, green, red = blue / count, green / count, red / count
+def _dim_level(values, first, step, limits):  # type: ignore[no-untyped-def]
+    """As `_level` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
+    carpet, level = limits.carpet, 0.0
+    for m in range(FLANK):
+        level += values[LEVEL, first + step * np.uint64(m)]
+    blue, green, red = _colour(values, values, first, step, FLANK)
     total = blue + green + red
     is_carpet = carpet.min_sum <= total <= carpet.max_sum
     if is_carpet:
         is_carpet = np.hypot(blue / total - carpet.blue, red / total - carpet.red) <= carpet.reach
-    return level / count if is_carpet else np.nan, blue, green, red
+    return level / FLANK if is_carpet else np.nan
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _flank(values, classes, first, step, number):  # type: ignore[no-untyped-def]
-    """Mean level and B, G, R of those of `FLANK` samples from `first` on, walking by `step`, that are green: number.
+def _level(values, classes, first, step, number, limits):  # type: ignore[no-untyped-def]
+    """Mean level of those of `FLANK` samples from `first` on, walking by `step`, that are green: number.
 
     A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
+    Nor has one in the dusk that is paler than carpet: in little light the noise makes single greys green.
     """
-    level, darkest, brightest = 0.0, np.float32(np.inf), np.float32(0.0)
-    blue = green = red = 0.0
+    level, light, darkest, brightest = 0.0, 0.0, np.float32(np.inf), np.float32(0.0)
     for m in range(FLANK):
         k = first + step * np.uint64(m)
         if number < FLANK and classes[k] != GREEN:
             continue
         level += values[LEVEL, k]
         total = values[0, k] + values[1, k] + values[2, k]
-        darkest, brightest = min(darkest, total), max(brightest, total)
+        light += total
+        darkest, brightest = total if total < darkest else darkest, total if total > brightest else brightest
+    carpet = limits.carpet
+    if darkest < 0.7 * brightest:
+        return np.nan
+    if light < number * (_DUSK * 2.0 * carpet.max_sum):
+        blue, green, red = _colour(values, classes, first, step, number)
+        total = blue + green + red
+        if np.hypot(blue / total - carpet.blue, red / total - carpet.red) > carpet.palest:
+            return np.nan
+    return level / number
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _colour(values, classes, first, step, number):  # type: ignore[no-untyped-def]
+    """Mean B, G, R of the same samples as `_level`, or of all `FLANK`."""
+    blue = green = red = 0.0
+    for m in range(FLANK):
+        k = first + step * np.uint64(m)
+        if number < FLANK and classes[k] != GREEN:
+            continue
         blue += values[0, k]
         green += values[1, k]
         red += values[2, k]
-    return level / number if darkest >= 0.7 * brightest else np.nan, blue / number, green / number, red / number
+    return blue / number, green / number, red / number
+
+
+@njit(cache=True)
+def _flanks_of(classes):  # type: ignore[no-untyped-def]
+    """(N,) of the `FLANK` samples from each on: how many are green, with `GREEN_FLANK`, `BARE_FLANK`."""
+    count, many = len(classes), np.uint8(16)
+    own, flanks = np.empty(count, np.uint8), np.zeros(count, np.uint8)
+    for k in range(count):
+        own[k] = np.uint8((classes[k] == GREEN) + np.uint8((classes[k] == BODY) * np.uint8(8)))
+    for k in range(count - 1):
+        own[k] = np.uint8(own[k] + own[k + 1])
+    for k in range(count - FLANK + 1):
+        found = np.uint8(own[k] + own[k + 2])
+        greens = np.uint8(found & np.uint8(7))
+        is_green, is_bare = np.uint8(greens * 4 >= FLANK * 3), np.uint8(found == 0)
+        flanks[k] = np.uint8(greens + is_green * many + is_bare * many * 2)
+    return flanks
 
 
 @njit(cache=True, error_model="numpy")
-def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped-def]
+def _nearest(values, flanks, peak, step, most, kind, limits):  # type: ignore[no-untyped-def]
+    """How many samples from a peak, by `step`, the first is that lies low enough for a flank of a kind to begin there,
+    or for `GREEN_FLANK` is as dark as carpet in the dark; 0 where `most` is too few. A block at once, by SIMD
+    instructions.
+    """
+    darkest = 2.0 * limits.carpet.max_sum if kind == GREEN_FLANK else -1.0
+    blues, greens, reds, levels = values[0], values[1], values[2], values[LEVEL]
+    size, dark, none = np.int32(BLOCK), np.float32(darkest), np.uint8(0)
+    if len(levels) < BLOCK + FLANK:
+        return 1 if most > 0 else 0
+    ceiling = levels[np.uint64(peak)], np.float32(0.5 * limits.min_contrast)
+    near = 1
+    while near <= most:
+        first = size
+        if step > 0:
+            at = min(peak + near, len(levels) - BLOCK)
+            passed = np.int32(peak + near - at)  # the last block overlaps what was looked at
+            for m in range(BLOCK):
+                k = np.uint64(at) + np.uint64(m)
+                may = ((flanks[k] & kind) != none) | (blues[k] + greens[k] + reds[k] <= dark)
+                may = may & (ceiling[0] - levels[k] >= ceiling[1]) & (np.int32(m) >= passed)
+                first = min(first, np.int32(np.int32(m) - passed) if may else size)
+        else:
+            at = max(peak - near - (BLOCK - 1), FLANK - 1)
+            last = np.int32(peak - near - at)
+            for m in range(BLOCK):
+                k = np.uint64(at) + np.uint64(m)
+                may = ((flanks[k - np.uint64(FLANK - 1)] & kind) != none) | (blues[k] + greens[k] + reds[k] <= dark)
+                may = may & (ceiling[0] - levels[k] >= ceiling[1]) & (np.int32(m) <= last)
+                first = min(first, np.int32(last - np.int32(m)) if may else size)
+        if first < size:
+            return near + first if near + first <= most else 0
+        near += BLOCK
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def _foot(values, classes, flanks, peak, step, limits, span):  # type: ignore[no-untyped-def]
     """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
     The first flank that lies low enough below the peak, moved on while blur still lets it fall. In a flank of
@@ -125,39 +192,36 @@ def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped
     top, count, leap = values[LEVEL, np.uint64(peak)], FLANK, np.uint64(step)
     least, dim = 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
-    foot, base, steps = -1, np.inf, 0
-    found_blue = found_green = found_red = 0.0
-    for m in range(1, min(limits.max_run + 1, room) + 1):
+    foot, base, steps, greens = -1, np.inf, 0, np.int64(0)
+    back = np.uint64(0 if step > 0 else count - 1)  # to the first sample of a flank
+    near = _nearest(values, flanks, peak, step, min(limits.max_run - 1, room), GREEN_FLANK, limits)
+    for m in range(near, min(limits.max_run + 1, room) + 1 if near > 0 else 0):
         k = np.uint64(peak + step * m)
         if foot < 0 and m >= limits.max_run:
             break
         if foot < 0 and top - values[LEVEL, k] < least:
             continue
-        number = 0
-        for n in range(count):
-            number += classes[k + leap * np.uint64(n)] == GREEN
-        if number * 4 >= count * 3:
-            level, blue, green, red = _flank(values, classes, k, leap, number)
-            total, carpet = blue + green + red, limits.carpet  # in little light the noise makes single greys green
-            if total < _DUSK * dim and np.hypot(blue / total - carpet.blue, red / total - carpet.red) > carpet.palest:
-                level = np.nan
+        flank, number, level = flanks[k - back], np.int64(count), np.nan
+        if flank & GREEN_FLANK:
+            number = np.int64(flank & np.uint8(7))
+            level = _level(values, classes, k, leap, number, limits)
         elif values[0, k] + values[1, k] + values[2, k] <= dim:  # hardly ever
-            level, blue, green, red = _dim_flank(values, k, leap, limits)
-        else:
-            level = blue = green = red = np.nan
+            level = _dim_level(values, k, leap, limits)
         if foot < 0 and not top - level >= least:
             continue
         if foot >= 0 and not level < base:
             break
-        foot, base, steps = peak + step * m, level, steps + 1
-        found_blue, found_green, found_red = blue, green, red
+        foot, base, steps, greens = peak + step * m, level, steps + 1, number
         if steps == 3:
             break
-    return foot, base, found_blue, found_green, found_red
+    if foot < 0:
+        return foot, base, 0.0, 0.0, 0.0
+    blue, green, red = _colour(values, classes, np.uint64(foot), leap, greens)
+    return foot, base, blue, green, red
 
 
 @njit(cache=True, error_model="numpy")
-def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[no-untyped-def]
+def _floor(values, flanks, peak, step, limits, span, beside):  # type: ignore[no-untyped-def]
     """As `_foot`, where the carpet ends at the line: an even floor, darker than the carpet (3,) on its other side.
 
     What contrasts with both is a line: the level of its foot is that of the darkest of three flanks.
@@ -167,18 +231,20 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
     foot, base, steps = -1, np.inf, 0
     blue = green = red = 0.0
     room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
-    for m in range(1, min(limits.max_run, room) + 1):
+    back, most = np.uint64(0 if step > 0 else count - 1), min(limits.max_run, room)
+    near = _nearest(values, flanks, peak, step, most, BARE_FLANK, limits)
+    for m in range(near, most + 1 if near > 0 else 0):
         k = np.uint64(peak + step * m)
         if top - values[LEVEL, k] < 0.5 * limits.min_contrast:
             continue
-        darkest, brightest, own = np.inf, 0.0, False
-        for n in range(count):
+        dark = (flanks[k - back] & BARE_FLANK) != np.uint8(0)
+        darkest, brightest = np.inf, 0.0
+        for n in range(count if dark else 0):
             j = k + leap * np.uint64(n)
-            own = own or classes[j] == BODY or classes[j] == GREEN
             total = values[0, j] + values[1, j] + values[2, j]
             darkest, brightest = min(darkest, total), max(brightest, total)
         even = darkest >= 0.6 * brightest or brightest < 0.2 * carpet
-        dark = even and not own and brightest <= _DARK * carpet
+        dark = dark and even and brightest <= _DARK * carpet
         level = mean_blue = mean_green = mean_red = 0.0
         for n in range(count if dark else 0):
             j = k + leap * np.uint64(n)
@@ -199,29 +265,27 @@ def _floor(values, classes, peak, step, limits, span, beside):  # type: ignore[n
     return foot, base, blue, green, red
 
 
-@njit(cache=True, error_model="numpy")
-def _halved(low, high):  # type: ignore[no-untyped-def]
-    """The lower of each two of low, the higher of each two of high: (N,) -> (N // 2,)."""
-    lower, higher = np.empty(len(low) // 2, np.float32), np.empty(len(low) // 2, np.float32)
-    for k in range(len(lower)):
-        lower[k], higher[k] = min(low[2 * k], low[2 * k + 1]), max(high[2 * k], high[2 * k + 1])
-    return lower, higher
+@njit(cache=True, error_model="numpy", fastmath={"nnan"})
+def _lowest(levels):  # type: ignore[no-untyped-def]
+    """(N // BLOCK,) the lowest level of each block; none is NaN, or SIMD instructions would not do."""
+    lowest = np.empty(len(levels) // BLOCK, np.float32)
+    for block in range(len(lowest)):
+        first = np.uint64(block * BLOCK)
+        low = levels[first]
+        for k in range(BLOCK):
+            low = min(low, levels[first + np.uint64(k)])
+        lowest[block] = low
+    return lowest
 
 
 @njit(cache=True, error_model="numpy")
-def _rises(levels, reach):  # type: ignore[no-untyped-def]
-    """For each block of samples what all its peaks have on one of their sides, and how far its highest rises above it.
-
-    That is the higher of the lowest levels of `reach` samples on either side: what hardly rises never passes `_falls`.
-    A last block that is not whole rises without end, and so may those beside it.
+def _floors(levels, reach):  # type: ignore[no-untyped-def]
+    """(N // BLOCK,) for each block of samples what a peak in it, or just behind it, has on one of its sides: the higher
+    of the lowest levels of `reach` samples on either side. What hardly rises above it never passes `_falls`.
     """
-    lowest, highest = levels, levels
-    for _ in range(HALVINGS):
-        lowest, highest = _halved(lowest, highest)
-    whole, around = len(lowest), (reach + BLOCK - 1) // BLOCK
-    rises, floors = np.empty(len(levels) // BLOCK + 1, np.float32), np.empty(len(levels) // BLOCK + 1, np.float32)
-    rises[:], floors[:] = np.inf, -np.inf
-    before, after = lowest.copy(), lowest.copy()
+    lowest, around = _lowest(levels), (reach + BLOCK - 1) // BLOCK
+    floors, before, after, whole = np.empty_like(lowest), lowest.copy(), lowest.copy(), len(lowest)
+    floors[:] = -np.inf
     for step in range(1, around + 1):  # of all blocks at once, by SIMD instructions
         for block in range(whole):
             before[block] = min(before[block], lowest[max(block - step, 0)])
@@ -229,8 +293,34 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
             after[block] = min(after[block], lowest[block + step])
     for block in range(whole - around):
         floors[block] = max(before[block], after[block])
-        rises[block] = highest[block] - floors[block]
-    return floors, rises
+    return floors
+
+
+@njit(cache=True, error_model="numpy")
+def _peaks(levels, reach, rise, peaks):  # type: ignore[no-untyped-def]
+    """Samples that are no lower than their neighbours and rise above their block's floor, into peaks (N,), in order;
+    returns how many.
+
+    Noise makes every third one of the green higher than its neighbours, which no processor foresees: without branches.
+    """
+    floors, least, marks = _floors(levels, reach), np.float32(rise), np.zeros(len(levels) // 8 * 8 + 8, np.uint8)
+    base, here, after = np.full(len(levels), np.float32(-np.inf)), levels[1:], levels[2:]
+    for block in range(len(floors)):
+        floor, first = floors[block], np.uint64(block * BLOCK)
+        for k in range(BLOCK):
+            base[first + np.uint64(k)] = floor
+    for k in range(len(after)):  # the sample after k
+        marks[k] = (here[k] >= levels[k]) & (here[k] >= after[k]) & (here[k] - base[k] >= least)
+    words, busy, eights, count = marks.view(np.uint64), np.empty(len(marks) // 8, np.int64), 0, np.int64(0)
+    for k in range(len(words)):
+        busy[eights] = 8 * k
+        eights += words[k] != np.uint64(0)
+    for i in range(eights):
+        first = np.uint64(busy[i])
+        for k in range(8):
+            peaks[count] = busy[i] + k + 1
+            count += np.int64(marks[first + np.uint64(k)])
+    return count
 
 
 @njit(cache=True, error_model="numpy")
@@ -249,11 +339,11 @@ def _falls(levels, peak, distances, least, span):  # type: ignore[no-untyped-def
 
     All distances are tried: where the level falls is more than a processor can predict.
     """
-    before, after, top = False, False, levels[np.uint64(peak)]
+    before, after, top, fall = False, False, levels[np.uint64(peak)], np.float32(least)
     for k in range(len(distances)):
         low, high = peak - distances[k], peak + distances[k]
-        before |= top - levels[np.uint64(low if low >= span[0] else peak)] >= least
-        after |= top - levels[np.uint64(high if high < span[1] else peak)] >= least
+        before |= top - levels[np.uint64(low if low >= span[0] else peak)] >= fall
+        after |= top - levels[np.uint64(high if high < span[1] else peak)] >= fall
     return before and after
 
 
@@ -284,30 +374,28 @@ def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
+def _edges(values, classes, flanks, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
     """Height of a peak above the green on both sides, and whether one of them is a dark floor; 0 where there is no
     such green or no edge towards it.
 
     means (2, 3), edges (2,) are filled with the mean colour of the green and the position of the edge on each side.
     """
-    feet, bases, brighter, floors = (0, 0), (0.0, 0.0), 0.0, 0
+    feet, bases, floors = (0, 0), (0.0, 0.0), 0
     for side in range(2):
-        foot, base, blue, green, red = _foot(values, classes, peak, 2 * side - 1, limits, span)
-        if foot < 0 and limits.dark_floor and floors == 0:
-            floors = 1
-            if side == 1:
-                beside = means[0]
-            else:
-                # side + 1: a literal 1 would be another type to compile for
-                carpet, _, means[1, 0], means[1, 1], means[1, 2] = _foot(values, classes, peak, side + 1, limits, span)
-                beside = means[1]
-                if carpet < 0:
-                    return 0.0, False
-            foot, base, blue, green, red = _floor(values, classes, peak, 2 * side - 1, limits, span, beside)
+        foot, base, blue, green, red = _foot(values, classes, flanks, peak, 2 * side - 1, limits, span)
+        if foot < 0 and (floors > 0 or not limits.dark_floor):
+            return 0.0, False
+        floors = floors if foot >= 0 else side + 1
+        feet, bases = (feet[1], foot), (bases[1], base)
+        means[side, 0], means[side, 1], means[side, 2] = blue, green, red
+    if floors > 0:
+        side = floors - 1
+        foot, base, blue, green, red = _floor(values, flanks, peak, 2 * side - 1, limits, span, means[1 - side])
         if foot < 0:
             return 0.0, False
-        feet, bases, brighter = (feet[1], foot), (bases[1], base), max(brighter, blue + green + red)
+        feet, bases = ((foot, feet[1]), (base, bases[1])) if side == 0 else ((feet[0], foot), (bases[0], base))
         means[side, 0], means[side, 1], means[side, 2] = blue, green, red
+    brighter = max(means[0, 0] + means[0, 1] + means[0, 2], means[1, 0] + means[1, 1] + means[1, 2])
     if feet[1] - feet[0] > limits.max_run:
         return 0.0, False
     if brighter <= limits.carpet.max_sum:  # dark on both sides: robots wear white, too
@@ -409,40 +497,34 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     green, white = paint
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
-    levels, distances = values[LEVEL], _distances(limits.max_run)
-    (floors, rises), rise = _rises(levels, limits.max_run), 0.5 * limits.min_contrast
-    found = 0
-    for p in range(len(starts) - 1):
+    levels, distances, rise = values[LEVEL], _distances(limits.max_run), 0.5 * limits.min_contrast
+    owned, peaks = _flanks_of(classes), np.empty(len(classes) + 8, np.int64)
+    flanks, found, p, passed = uncounted(owned), 0, 0, 0
+    for i in range(_peaks(levels, limits.max_run, rise, peaks)):
+        peak = peaks[i]
+        while peak >= starts[p + 1]:
+            p += 1
         span = (starts[p], starts[p + 1])
-        first, last = span[0] + count, span[1] - count
-        k = first
-        while k < last and found < len(out):
-            if rises[k // BLOCK] < rise:  # nearly always
-                k = (k // BLOCK + 1) * BLOCK
-                continue
-            base, end = floors[k // BLOCK], min((k // BLOCK + 1) * BLOCK, last)
-            while k < end and (levels[k] - base < rise or levels[k] < max(levels[k - 1], levels[k + 1])):
-                k += 1
-            if k == end:
-                continue
-            peak, k = k, k + 1
-            if classes[peak] == BODY or not _falls(levels, peak, distances, rise, span):
-                continue
-            height, floor = _edges(values, classes, peak, limits, span, means, edges)
-            if height <= 0.0:
-                continue
-            brightness = np.sqrt(max(_size2(means[0]), _size2(means[1])) / _size2(green))
-            if height < limits.min_contrast * brightness:
-                continue
-            middle = 0.5 * (edges[0] + edges[1])
-            k = max(k, int(edges[1]) + 1)
-            if closed[p] > 0 and not first <= middle < first + closed[p]:
-                continue
-            least = 0.7 * limits.min_contrast * brightness
-            if not _looks_white(values, middle, means, toward, least, limits.min_cosine):
-                continue
-            out[found, 2], out[found, 3], out[found, 4] = edges[0], edges[1], height / brightness
-            out[found, 6], out[found, 7] = p, edges[1] - edges[0] if floor else 0.0
-            found += 1
+        first = span[0] + count
+        if peak < max(first, passed) or peak >= span[1] - count or found >= len(out):
+            continue
+        if classes[peak] == BODY or not _falls(levels, peak, distances, rise, span):
+            continue
+        height, floor = _edges(values, classes, flanks, peak, limits, span, means, edges)
+        if height <= 0.0:
+            continue
+        brightness = np.sqrt(max(_size2(means[0]), _size2(means[1])) / _size2(green))
+        if height < limits.min_contrast * brightness:
+            continue
+        middle = 0.5 * (edges[0] + edges[1])
+        passed = int(edges[1]) + 1
+        if closed[p] > 0 and not first <= middle < first + closed[p]:
+            continue
+        least = 0.7 * limits.min_contrast * brightness
+        if not _looks_white(values, middle, means, toward, least, limits.min_cosine):
+            continue
+        out[found, 2], out[found, 3], out[found, 4] = edges[0], edges[1], height / brightness
+        out[found, 6], out[found, 7] = p, edges[1] - edges[0] if floor else 0.0
+        found += 1
     found = keep(out, _place(path, out[:found], limits, camera))
     return keep(out, on_one_line(out[:found], ROW_M, ROW_ASIDE_M, ROW_POINTS)) if limits.dark_floor else found

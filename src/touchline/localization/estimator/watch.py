@@ -15,6 +15,8 @@ from touchline.localization.search.field_search import WHOLE, FieldSearch, Searc
 from touchline.localization.search.pose_search import Known, Mode, Wanted
 
 PARTS = 5  # of the headings: a fifth of them, in a third of the images, delays none by a whole search
+# so many while a sector's pose is watched: each of them proposes all poses anew, and two of three images more are free
+SECTOR_PARTS = 3
 HOPELESS = 40.0  # logarithm of odds, of line points or of all, against the pose that is followed: none is tried beyond
 NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
 
@@ -36,6 +38,7 @@ class FieldWatch:
         doubt may take of an image, one part at least; None: it is done at once.
         """
         self.search, self.every, self.budget_ms = search, every, budget_ms
+        self.watched_parts = PARTS
         self.reset()
 
     def reset(self) -> None:
@@ -56,7 +59,7 @@ class FieldWatch:
         if in_doubt or self.left:
             self._due = 0
             return self._next(PARTS)
-        parts = min(PARTS, self.every)
+        parts = min(self.watched_parts, self.every)
         self._due += parts
         if self._due < self.every:
             return None
