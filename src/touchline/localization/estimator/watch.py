@@ -12,7 +12,7 @@ from touchline.localization.estimator.field_end import OwnHalf
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.seen import POINT_SHARE, evenly_counted
 from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
-from touchline.localization.search.pose_search import Known, Mode
+from touchline.localization.search.pose_search import Known, Mode, Wanted
 
 PARTS = 5  # of the headings: a fifth of them, in a third of the images, delays none by a whole search
 # so many while a sector's pose is watched: each of them proposes all poses anew, and two of three images more are free
@@ -86,16 +86,13 @@ class FieldWatch:
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        min_log_likelihood = min_of_all = -math.inf
-        watches = part != WHOLE and not (self._in_doubt or self.left)
+        wanted, watches = None, part != WHOLE and not (self._in_doubt or self.left)
         if watches and best is not None and best.fit is not None:
-            min_of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
-            min_log_likelihood = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
-        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit)
-        searched = searched._replace(min_log_likelihood=min_log_likelihood, min_of_all=min_of_all)
-        modes = tuple(
-            mode for mode in self.search.modes(searched, known, part) if mode.log_likelihood > min_log_likelihood
-        )
+            of_points = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
+            of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
+            wanted = Wanted(best.fit.state[:3], of_points, of_all)
+        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit, wanted=wanted)
+        modes = self.search.modes(searched, known, part)
         if part != WHOLE and not watches:
             modes = self._continued(modes, searched, known, begun_s)
         if not ends.symmetric:
