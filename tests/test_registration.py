@@ -18,7 +18,7 @@ from touchline.localization.registration.bound import bound_covariance, mean_err
 from touchline.localization.registration.kernels import Plan, register
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.unseen import count_unseen, unseen, view_of
-from touchline.localization.search.pose_search import PoseSearch
+from touchline.localization.search.pose_search import PoseSearch, Wanted
 
 FIELD = open_field("msl-18x12")
 REGISTRATION = Registration(FIELD.distance_map())
@@ -165,15 +165,31 @@ def test_a_search_shared_out_among_images_finds_the_same(point_set: PointSet) ->
         assert min(best.pose.distance_to(truth), best.pose.mirrored().distance_to(truth)) < 0.2
 
 
+FAR = np.array([50.0, 0.0, 0.0])
+
+
 def test_modes_that_nobody_wants_are_left_early_and_the_wanted_one_is_found(point_set: PointSet) -> None:
     search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
     for k in range(20):
         points = point_set.points[k]
         best = search.everywhere(points.positions_m, points.covariances_m2)[0]
-        least = best.log_likelihood - 5.0
-        found = search.everywhere(points.positions_m, points.covariances_m2, (), (0, 1), least)
+        given, least = (points.positions_m, points.covariances_m2), best.log_likelihood - 5.0
+        found = search.everywhere(*given, wanted=Wanted(FAR, least, -math.inf))
         assert found[0].pose.distance_to(best.pose) < 1e-6
-        assert search.everywhere(points.positions_m, points.covariances_m2, (), (0, 1), least + 265.0) == ()
+        assert search.everywhere(*given, wanted=Wanted(FAR, least + 265.0, -math.inf)) == ()
+        ends = best.pose, best.pose.mirrored()
+        for followed in ends:
+            others = search.everywhere(*given, wanted=Wanted(followed.as_array(), least, -math.inf))
+            assert all(one.pose.distance_to(end) > 0.05 for one in others for end in ends)
+
+
+def test_the_pose_that_is_followed_is_excluded_and_on_a_symmetric_field_its_twin() -> None:
+    wanted = Wanted(np.array([2.0, 1.0, 3.1]), 0.0, 0.0)
+    assert wanted.excludes((2.05, 0.96, 3.1 - 2.0 * math.pi), twins=False)
+    assert not wanted.excludes((2.0, 1.0, 3.04), twins=False)
+    assert not wanted.excludes((2.11, 1.0, 3.1), twins=True)
+    assert not wanted.excludes((-2.0, -1.0, 3.1 - math.pi), twins=False)
+    assert wanted.excludes((-2.0, -1.0, 3.1 - math.pi), twins=True)
 
 
 def test_every_mode_has_its_probability(point_set: PointSet) -> None:

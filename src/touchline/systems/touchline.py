@@ -31,7 +31,7 @@ from touchline.localization.estimator.stamp_delay import INITIAL_DEVIATION_S, St
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay, lean_by
-from touchline.localization.estimator.watch import FieldWatch
+from touchline.localization.estimator.watch import PARTS, SECTOR_PARTS, FieldWatch
 from touchline.localization.estimator.whereabouts import LOST
 from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.feature_model import FeatureView
@@ -145,6 +145,7 @@ class Touchline:
         s, walks = self.settings, self.setup.walks
         self.errors = errors
         self.features = self.field_search.features_at(errors.height_m)
+        self.watch.watched_parts = PARTS if errors.trust.free_fit else SECTOR_PARTS
         more = STEPS_RATIO if walks else 1.0
         scales = Scales(*(more * scale for scale in s.odometry.scales))
         self.initial = InitialUncertainty(

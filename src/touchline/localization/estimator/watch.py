@@ -12,9 +12,11 @@ from touchline.localization.estimator.field_end import OwnHalf
 from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.seen import POINT_SHARE, evenly_counted
 from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
-from touchline.localization.search.pose_search import Known, Mode
+from touchline.localization.search.pose_search import Known, Mode, Wanted
 
 PARTS = 5  # of the headings: a fifth of them, in a third of the images, delays none by a whole search
+# so many while a sector's pose is watched: each of them proposes all poses anew, and two of three images more are free
+SECTOR_PARTS = 3
 HOPELESS = 40.0  # logarithm of odds, of line points or of all, against the pose that is followed: none is tried beyond
 NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
 
@@ -36,6 +38,7 @@ class FieldWatch:
         doubt may take of an image, one part at least; None: it is done at once.
         """
         self.search, self.every, self.budget_ms = search, every, budget_ms
+        self.watched_parts = PARTS
         self.reset()
 
     def reset(self) -> None:
@@ -56,7 +59,7 @@ class FieldWatch:
         if in_doubt or self.left:
             self._due = 0
             return self._next(PARTS)
-        parts = min(PARTS, self.every)
+        parts = min(self.watched_parts, self.every)
         self._due += parts
         if self._due < self.every:
             return None
@@ -83,16 +86,13 @@ class FieldWatch:
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        min_log_likelihood = min_of_all = -math.inf
-        watches = part != WHOLE and not (self._in_doubt or self.left)
+        wanted, watches = None, part != WHOLE and not (self._in_doubt or self.left)
         if watches and best is not None and best.fit is not None:
-            min_of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
-            min_log_likelihood = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
-        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit)
-        searched = searched._replace(min_log_likelihood=min_log_likelihood, min_of_all=min_of_all)
-        modes = tuple(
-            mode for mode in self.search.modes(searched, known, part) if mode.log_likelihood > min_log_likelihood
-        )
+            of_points = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
+            of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
+            wanted = Wanted(best.fit.state[:3], of_points, of_all)
+        searched = Searched(seen, view_at, upright, expected, image.response, trust.free_fit, wanted=wanted)
+        modes = self.search.modes(searched, known, part)
         if part != WHOLE and not watches:
             modes = self._continued(modes, searched, known, begun_s)
         if not ends.symmetric:

@@ -14,7 +14,7 @@ from touchline.localization.registration.feature_model import FeatureView
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.search.feature_poses import PoseProposals
-from touchline.localization.search.pose_search import Known, Mode, contradiction
+from touchline.localization.search.pose_search import Known, Mode, Wanted, contradiction
 
 STARTS = 24  # proposed poses that are registered
 START_M, START_RAD = 0.3, 0.2  # proposals nearer than this are one
@@ -47,13 +47,13 @@ class FeatureSearch:
 
     def modes(
         self, seen: Seen, views: Sequence[tuple[FloatArray, FeatureView]], expected: StatePrior, response: Response,
-        known: Sequence[Known] = (), part: tuple[int, int] = (0, 1), min_log_likelihood: float = -math.inf,
+        known: Sequence[Known] = (), part: tuple[int, int] = (0, 1), wanted: Wanted | None = None,
     ) -> tuple[Mode, ...]:  # fmt: skip
         """The registered poses, the likeliest first; none of an image that gives no position.
 
         views: errors (K,) that the camera may have, and the same as `seen` without them. expected: what is known of the
         camera; its pose is not used. known: of the pose. part: which of so many parts of the proposed poses, every nth,
-        are registered. min_log_likelihood: of all that is seen, below which a pose is not wanted.
+        are registered. wanted: None: every pose.
         """
         information = expected.information.copy()
         information[:3], information[:, :3] = 0.0, 0.0
@@ -65,10 +65,14 @@ class FeatureSearch:
             order = np.argsort(-proposed.log_likelihoods, kind="stable")
             for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD)[part[0] :: part[1]]:
                 pose = proposed.poses[order[index]]
+                if wanted is not None and wanted.excludes(pose.tolist(), self.symmetric):
+                    continue
                 prior = StatePrior(np.concatenate((pose, expected.mean[3:])), information)
                 start = np.concatenate((pose, errors))
                 fit = self.registration.fit_state(seen, start, prior, TRACKING, response)
-                if fit.log_likelihood < min_log_likelihood:
+                if wanted is not None and (
+                    fit.log_likelihood < wanted.of_all or wanted.excludes(fit.state.tolist(), self.symmetric)
+                ):
                     continue
                 off = fit.state[3:] - expected.mean[3:]
                 if (np.abs(off) <= MAX_ERROR_Z * deviations).all():

@@ -4,7 +4,6 @@ Line points are looked for on a grid of poses (`PoseSearch`), lines, crossings a
 (`FeatureSearch`).
 """
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from touchline.localization.registration.joint import Seen, StatePrior
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.feature_poses import PoseProposals
 from touchline.localization.search.feature_search import FeatureSearch
-from touchline.localization.search.pose_search import Known, Mode, PoseSearch
+from touchline.localization.search.pose_search import Known, Mode, PoseSearch, Wanted
 
 WHOLE = (0, 1)  # the first of one part
 MIN_POINTS = 10  # with which a grid is searched
@@ -34,8 +33,7 @@ class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without errors (K,) of the camera, its line
     points (N, 2) without those that are known, and what is expected of pose and camera. all_round: whether it shows the
     whole field; pairs of the lines of a sector fit fewer places than its points, and tell how its camera leans.
-    attitudes: how many are searched. min_log_likelihood: of line points, and min_of_all: of all that is seen, below
-    which a pose is not wanted.
+    attitudes: how many are searched. wanted: None: every pose.
     """
 
     seen: Seen
@@ -45,8 +43,7 @@ class Searched(NamedTuple):
     response: Response
     all_round: bool
     attitudes: int = LIKELY
-    min_log_likelihood: float = -math.inf
-    min_of_all: float = -math.inf
+    wanted: Wanted | None = None
 
 
 class FieldSearch:
@@ -72,14 +69,12 @@ class FieldSearch:
         mean = searched.expected.mean[3:]
         view = searched.view_at(mean)
         if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(view.lines.ends_m)):
-            found = self.points.everywhere(
-                searched.upright_m, seen.covariances_m2, known, part, searched.min_log_likelihood
-            )
+            found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part, searched.wanted)
         if view.size:
             attitudes = self.attitudes(searched)
             views = [(each, view if np.array_equal(each, mean) else searched.view_at(each)) for each in attitudes]
             camera = searched.expected, searched.response
-            more = self.features.modes(seen, views, *camera, known, part, searched.min_of_all)
+            more = self.features.modes(seen, views, *camera, known, part, searched.wanted)
             poses = [one.pose for one in found]
             found += tuple(one for one in more if not any(one.pose.is_near(pose, SAME_M, SAME_RAD) for pose in poses))
         return found

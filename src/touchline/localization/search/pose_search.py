@@ -76,6 +76,25 @@ class Mode:
         return replace(self, pose=self.pose.mirrored(), covariance=mirrored_covariance(self.covariance))
 
 
+class Wanted(NamedTuple):
+    """Of a search while a pose (3,) is followed: other poses that explain an image as well, or nearly so. of_points,
+    of_all: log-likelihood, of line points and of all that is seen, below which one is not wanted.
+    """
+
+    followed: FloatArray
+    of_points: float
+    of_all: float
+
+    def excludes(self, pose: Sequence[float], twins: bool) -> bool:
+        """Whether a pose is the one that is followed, or, with twins, that at the other end of the field."""
+        x, y, heading = self.followed.tolist()
+        for side, turned in ((1.0, heading), (-1.0, heading + math.pi))[: 1 + twins]:
+            off = math.hypot(pose[0] - side * x, pose[1] - side * y)
+            if off < SAME[0] and abs(wrap_angle(pose[2] - turned)) < SAME[1]:
+                return True
+        return False
+
+
 class PoseSearch:
     """Finds all poses that explain line points; arguments as `Registration` takes them."""
 
@@ -92,12 +111,12 @@ class PoseSearch:
         covariances_m2: FloatArray,
         known: Sequence[Known] = (),
         part: tuple[int, int] = (0, 1),
-        min_log_likelihood: float = -math.inf,
+        wanted: Wanted | None = None,
     ) -> tuple[Mode, ...]:
         """Modes on the whole field, the likeliest first; () without points.
 
-        part: which of so many parts of the headings, so that a search can be shared out among images.
-        min_log_likelihood: of the points, below which a mode is not wanted.
+        part: which of so many parts of the headings, so that a search can be shared out among images. wanted: None:
+        every mode.
         """
         (index, parts), headings = part, self._grid.headings
         headings = headings[index * len(headings) // parts : (index + 1) * len(headings) // parts]
@@ -105,7 +124,7 @@ class PoseSearch:
         # on a symmetric field one half shows all, and a pose of the other is one's twin
         first = rows // 2 if self.symmetric else 0
         window, most = Window(first, rows - first, 0, columns, headings), (STARTS // parts, FINISHED // parts)
-        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric, min_log_likelihood)
+        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric, wanted)
 
     def facing(
         self, positions_m: FloatArray, covariances_m2: FloatArray, heading_rad: float, sigma_rad: float
@@ -146,7 +165,7 @@ class PoseSearch:
         most: tuple[int, int],
         known: Sequence[Known] = (),
         twins: bool = False,
-        min_log_likelihood: float = -math.inf,
+        wanted: Wanted | None = None,
     ) -> tuple[Mode, ...]:
         if len(points) == 0:
             return ()
@@ -157,18 +176,23 @@ class PoseSearch:
         few = max(round(SEARCH_POINTS * share), MIN_POINTS)
         some, spreads = _some(points, few), _some(covariances, few)
         first = self.registration.register_all(some, spreads, starts, SEARCHING)
-        if min_log_likelihood > -math.inf:
-            of_all = len(points) / len(some) * first.log_likelihoods
-            wanted = np.flatnonzero(of_all > min_log_likelihood - UNFINISHED)
-            if not len(wanted):
+        if wanted is not None:
+            of_points = len(points) / len(some) * first.log_likelihoods
+            rows = np.flatnonzero(of_points > wanted.of_points - UNFINISHED).tolist()
+            rows = [row for row in rows if not wanted.excludes(first.poses[row].tolist(), twins)]
+            if not rows:
                 return ()
-            first = _picked(first, wanted)
+            first = _picked(first, np.array(rows))
         first = self._likely(first, view, len(some) / len(points))
         kept = distinct(first.poses, first.information, SAME, twins, most_finished)
         fits = self.registration.register_all(points, covariances, first.poses[kept], FINISHING)
         fits = self._likely(fits, view, 1.0)
         kept = distinct(fits.poses, fits.information, SAME, twins, len(fits.poses))
-        return _with_probabilities(_picked(fits, kept), known, twins)
+        modes = _with_probabilities(_picked(fits, kept), known, twins)
+        if wanted is None:
+            return modes
+        modes = tuple(mode for mode in modes if mode.log_likelihood > wanted.of_points)
+        return tuple(mode for mode in modes if not wanted.excludes(mode.pose, twins))
 
     def _likely(self, fits: Fits, view: View, share: float) -> Fits:
         """Those that are not hopeless, the likeliest first, by the points and by what was not seen of the lines.

@@ -232,9 +232,10 @@ def _between_carpet(image: ImageArray, around: BoolArray, model: ColourModel) ->
     kernels = (half, half[:, ::-1].copy(), half.T.copy(), half[:, ::-1].T.copy())
     left, right, above, below = (cv2.dilate(green, kernel).astype(np.bool_) for kernel in kernels)
     between = ((left & right) | (above & below)) & around & (green == 0)
-    brightness = channel_sums(image.astype(np.float32))
-    light = cv2.blur(brightness * green, size) / np.maximum(cv2.blur(green.astype(np.float32), size), 1e-3)
-    colours, light = smooth[between].astype(np.float64), light[between] / model.green.sum()
+    blue_and_green = cv2.add(image[..., 0], image[..., 1], dtype=cv2.CV_16U)
+    lit = cv2.multiply(cv2.add(blue_and_green, image[..., 2], dtype=cv2.CV_16U), green, dtype=cv2.CV_32F)
+    light = cv2.blur(lit, size)[between] / np.maximum(cv2.blur(green.astype(np.float32), size)[between], 1e-3)
+    colours, light = smooth[between].astype(np.float64), light / model.green.sum()
     bright = channel_sums(colours) > _PALEST * light * model.green.sum()
     return colours[bright] / light[bright, np.newaxis]
 

@@ -140,14 +140,21 @@ def _off_lines(middles: FloatArray, lines: FloatArray) -> BoolArray:
 def _post_like(upright: Upright, field: FieldModel) -> Post | None:
     """What of the field this is: the colours in their order tell; None where they tell nothing."""
     seen = upright.colors
-    poles = {post.colors_from_ground: post for post in field.posts if post.kind == "pole"}
-    poles = {colors: pole for colors, pole in poles.items() if colors[:1] == seen[:1]}
-    band_m = max((pole.height / len(colors) for colors, pole in poles.items()), default=0.0)
+    goal, poles, band_m = _posts_in(field, seen[:1])
     if upright.seen_m >= _ONE_BAND * band_m:
-        return next((post for post in field.posts if post.kind == "goal" and post.colors_from_ground == seen[:1]), None)
+        return goal
     same = [pole for colors, pole in poles.items() if colors[: len(seen)] == seen and len(seen) > 1]
     complete = [pole for pole in same if len(pole.colors_from_ground) == len(seen) or upright.cut]
     return complete[0] if len(complete) == 1 else None
+
+
+@lru_cache(maxsize=16)
+def _posts_in(field: FieldModel, lowest: Colors) -> tuple[Post | None, dict[Colors, Post], float]:
+    """A goal's post of a colour, the poles of which it is the lowest, by their colours, and the height of a band."""
+    goal = next((post for post in field.posts if post.kind == "goal" and post.colors_from_ground == lowest), None)
+    poles = {post.colors_from_ground: post for post in field.posts if post.kind == "pole"}
+    poles = {colors: pole for colors, pole in poles.items() if colors[:1] == lowest}
+    return goal, poles, max((pole.height / len(colors) for colors, pole in poles.items()), default=0.0)
 
 
 def _goals(posts: list[Upright], field: FieldModel) -> list[_Landmark]:
