@@ -60,14 +60,14 @@ def inside_green(crossings: FloatArray, u0: float, v0: float, ends: FloatArray, 
     margins_px (N,): how far beyond it each may lie.
     """
     rays = len(ends)
-    inside = np.empty(len(crossings), dtype=np.bool_)
+    inside, farthest = np.empty(len(crossings), dtype=np.bool_), np.zeros(rays)
+    for ray in range(rays):  # of the rays about a place between this one and the next
+        for beside in range(ray - _BESIDE, ray + _BESIDE + 2):
+            farthest[ray] = max(farthest[ray], ends[beside % rays])
     for i in range(len(crossings)):
         du, dv = crossings[i, 2] - u0, crossings[i, 3] - v0
         position = np.arctan2(dv, du) / (2.0 * np.pi) * rays
-        ray = int(np.floor(position)) % rays
-        end = 0.0
-        for beside in range(ray - _BESIDE, ray + _BESIDE + 2):
-            end = max(end, ends[beside % rays])
+        end = farthest[int(np.floor(position)) % rays]
         inside[i] = np.sqrt(du * du + dv * dv) <= end + margins_px[i]
     return inside
 

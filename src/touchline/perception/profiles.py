@@ -17,7 +17,8 @@ from touchline.perception.path_samples import BODY, LEVEL
 
 FLANK = 4  # samples of the green wanted on both sides of a line: averages noise, fits between two lines
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
-BLOCK = 16  # samples that share one bound, and are looked at together by SIMD instructions
+BLOCK = 16  # samples that are looked at together by SIMD instructions
+FALLS = 2, 3, 5, 7, 10, 14, 19, 26, 35  # samples from a peak at which its level is tried, ever farther apart
 GREEN_FLANK, BARE_FLANK = np.uint8(16), np.uint8(32)  # three quarters of its samples are green; none is, nor the robot
 COLUMNS = 8  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path, px beside floor
 ROW_M, ROW_ASIDE_M, ROW_POINTS = 1.5, 0.05, 4  # points beside a floor count where so many more lie on a line with them
@@ -71,12 +72,12 @@ class ProfileLimits(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _dim_level(values, first, step, limits):  # type: ignore[no-untyped-def]
+def _dim_level(values, classes, first, step, limits):  # type: ignore[no-untyped-def]
     """As `_level` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
     carpet, level = limits.carpet, 0.0
     for m in range(FLANK):
         level += values[LEVEL, first + step * np.uint64(m)]
-    blue, green, red = _colour(values, values, first, step, FLANK)
+    blue, green, red = _colour(values, classes, first, step, FLANK)
     total = blue + green + red
     is_carpet = carpet.min_sum <= total <= carpet.max_sum
     if is_carpet:
@@ -91,15 +92,15 @@ def _level(values, classes, first, step, number, limits):  # type: ignore[no-unt
     A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
     Nor has one in the dusk that is paler than carpet: in little light the noise makes single greys green.
     """
-    level, light, darkest, brightest = 0.0, 0.0, np.float32(np.inf), np.float32(0.0)
-    for m in range(FLANK):
+    level, light, darkest, brightest, is_whole = 0.0, 0.0, np.float32(np.inf), np.float32(0.0), number == FLANK
+    for m in range(FLANK):  # without branches: which sample is not green nobody foresees
         k = first + step * np.uint64(m)
-        if number < FLANK and classes[k] != GREEN:
-            continue
-        level += values[LEVEL, k]
+        counts = is_whole | (classes[k] == GREEN)
         total = values[0, k] + values[1, k] + values[2, k]
-        light += total
-        darkest, brightest = total if total < darkest else darkest, total if total > brightest else brightest
+        level += values[LEVEL, k] if counts else 0.0
+        light += total if counts else 0.0
+        darkest = total if counts & (total < darkest) else darkest
+        brightest = total if counts & (total > brightest) else brightest
     carpet = limits.carpet
     if darkest < 0.7 * brightest:
         return np.nan
@@ -114,14 +115,13 @@ def _level(values, classes, first, step, number, limits):  # type: ignore[no-unt
 @njit(cache=True, error_model="numpy", inline="always")
 def _colour(values, classes, first, step, number):  # type: ignore[no-untyped-def]
     """Mean B, G, R of the same samples as `_level`, or of all `FLANK`."""
-    blue = green = red = 0.0
+    blue, green, red, is_whole = 0.0, 0.0, 0.0, number == FLANK
     for m in range(FLANK):
         k = first + step * np.uint64(m)
-        if number < FLANK and classes[k] != GREEN:
-            continue
-        blue += values[0, k]
-        green += values[1, k]
-        red += values[2, k]
+        counts = is_whole | (classes[k] == GREEN)
+        blue += values[0, k] if counts else 0.0
+        green += values[1, k] if counts else 0.0
+        red += values[2, k] if counts else 0.0
     return blue / number, green / number, red / number
 
 
@@ -206,7 +206,7 @@ def _foot(values, classes, flanks, peak, step, limits, span):  # type: ignore[no
             number = np.int64(flank & np.uint8(7))
             level = _level(values, classes, k, leap, number, limits)
         elif values[0, k] + values[1, k] + values[2, k] <= dim:  # hardly ever
-            level = _dim_level(values, k, leap, limits)
+            level = _dim_level(values, classes, k, leap, limits)
         if foot < 0 and not top - level >= least:
             continue
         if foot >= 0 and not level < base:
@@ -265,85 +265,56 @@ def _floor(values, flanks, peak, step, limits, span, beside):  # type: ignore[no
     return foot, base, blue, green, red
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan"})
-def _lowest(levels):  # type: ignore[no-untyped-def]
-    """(N // BLOCK,) the lowest level of each block; none is NaN, or SIMD instructions would not do."""
-    lowest = np.empty(len(levels) // BLOCK, np.float32)
-    for block in range(len(lowest)):
-        first = np.uint64(block * BLOCK)
-        low = levels[first]
-        for k in range(BLOCK):
-            low = min(low, levels[first + np.uint64(k)])
-        lowest[block] = low
+@njit(cache=True, error_model="numpy", fastmath={"nnan"}, forceinline=True)
+def _lowest(levels, k, side):  # type: ignore[no-untyped-def]
+    """The lowest level at the distances `FALLS` from a sample, on the side 1 or -1; none is NaN."""
+    lowest = levels[np.uint64(k + side * FALLS[0])]
+    for distance in FALLS:
+        lowest = min(lowest, levels[np.uint64(k + side * distance)])
     return lowest
 
 
 @njit(cache=True, error_model="numpy")
-def _floors(levels, reach):  # type: ignore[no-untyped-def]
-    """(N // BLOCK,) for each block of samples what a peak in it, or just behind it, has on one of its sides: the higher
-    of the lowest levels of `reach` samples on either side. What hardly rises above it never passes `_falls`.
+def _peaks(levels, least, peaks):  # type: ignore[no-untyped-def]
+    """Samples that are no lower than their neighbours, and from which the level falls by `least` on both sides, into
+    peaks (N,), in order; returns how many. Those within `FALLS` of the ends of all samples are not asked how it falls.
+
+    Noise makes every third sample of the green higher than its neighbours, and where the level falls no processor
+    foresees: without branches, by SIMD instructions.
     """
-    lowest, around = _lowest(levels), (reach + BLOCK - 1) // BLOCK
-    floors, before, after, whole = np.empty_like(lowest), lowest.copy(), lowest.copy(), len(lowest)
-    floors[:] = -np.inf
-    for step in range(1, around + 1):  # of all blocks at once, by SIMD instructions
-        for block in range(whole):
-            before[block] = min(before[block], lowest[max(block - step, 0)])
-        for block in range(whole - step):
-            after[block] = min(after[block], lowest[block + step])
-    for block in range(whole - around):
-        floors[block] = max(before[block], after[block])
-    return floors
-
-
-@njit(cache=True, error_model="numpy")
-def _peaks(levels, reach, rise, peaks):  # type: ignore[no-untyped-def]
-    """Samples that are no lower than their neighbours and rise above their block's floor, into peaks (N,), in order;
-    returns how many.
-
-    Noise makes every third one of the green higher than its neighbours, which no processor foresees: without branches.
-    """
-    floors, least, marks = _floors(levels, reach), np.float32(rise), np.zeros(len(levels) // 8 * 8 + 8, np.uint8)
-    base, here, after = np.full(len(levels), np.float32(-np.inf)), levels[1:], levels[2:]
-    for block in range(len(floors)):
-        floor, first = floors[block], np.uint64(block * BLOCK)
-        for k in range(BLOCK):
-            base[first + np.uint64(k)] = floor
-    for k in range(len(after)):  # the sample after k
-        marks[k] = (here[k] >= levels[k]) & (here[k] >= after[k]) & (here[k] - base[k] >= least)
-    words, busy, eights, count = marks.view(np.uint64), np.empty(len(marks) // 8, np.int64), 0, np.int64(0)
+    reach, last, count = FALLS[-1], len(levels) - 1, np.int64(0)
+    marks = np.zeros(len(levels) // 8 * 8 + 8, np.uint8)
+    for low, high in ((1, min(reach, last)), (max(last - reach, 1), last)):
+        for k in range(low, high):
+            marks[k] = levels[k] >= max(levels[k - 1], levels[k + 1])
+    inner = marks[reach:]
+    for i in range(len(levels) - 2 * reach):
+        at = np.uint64(i + reach)
+        here, floor = levels[at], max(_lowest(levels, i + reach, -1), _lowest(levels, i + reach, 1))
+        is_highest = (here >= levels[at - np.uint64(1)]) & (here >= levels[at + np.uint64(1)])
+        inner[i] = is_highest & (here - floor >= least)
+    words, busy, eights = marks.view(np.uint64), np.empty(len(marks) // 8, np.int64), 0
     for k in range(len(words)):
         busy[eights] = 8 * k
         eights += words[k] != np.uint64(0)
     for i in range(eights):
         first = np.uint64(busy[i])
         for k in range(8):
-            peaks[count] = busy[i] + k + 1
+            peaks[count] = busy[i] + k
             count += np.int64(marks[first + np.uint64(k)])
     return count
 
 
 @njit(cache=True, error_model="numpy")
-def _distances(reach):  # type: ignore[no-untyped-def]
-    """(D,) from a peak, in samples, at which `_falls` tries the level: within a reach, ever farther apart."""
-    distances, count, distance = np.empty(reach, np.int64), 0, 2
-    while distance < reach:
-        distances[count] = distance
-        count, distance = count + 1, distance + distance // 3 + 1
-    return distances[:count]
-
-
-@njit(cache=True, error_model="numpy")
-def _falls(levels, peak, distances, least, span):  # type: ignore[no-untyped-def]
-    """Whether the level falls by `least` on both sides of a peak: most maxima are noise of the green.
-
-    All distances are tried: where the level falls is more than a processor can predict.
+def _falls(levels, peak, least, span):  # type: ignore[no-untyped-def]
+    """Whether the level falls by `least` on both sides of a peak, within its scan line: most maxima are noise of the
+    green.
     """
-    before, after, top, fall = False, False, levels[np.uint64(peak)], np.float32(least)
-    for k in range(len(distances)):
-        low, high = peak - distances[k], peak + distances[k]
-        before |= top - levels[np.uint64(low if low >= span[0] else peak)] >= fall
-        after |= top - levels[np.uint64(high if high < span[1] else peak)] >= fall
+    before, after, top = False, False, levels[np.uint64(peak)]
+    for distance in FALLS:
+        low, high = peak - distance, peak + distance
+        before |= top - levels[np.uint64(low if low >= span[0] else peak)] >= least
+        after |= top - levels[np.uint64(high if high < span[1] else peak)] >= least
     return before and after
 
 
@@ -497,10 +468,10 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     green, white = paint
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
-    levels, distances, rise = values[LEVEL], _distances(limits.max_run), 0.5 * limits.min_contrast
+    levels, fall = values[LEVEL], np.float32(0.5 * limits.min_contrast)
     owned, peaks = _flanks_of(classes), np.empty(len(classes) + 8, np.int64)
     flanks, found, p, passed = uncounted(owned), 0, 0, 0
-    for i in range(_peaks(levels, limits.max_run, rise, peaks)):
+    for i in range(_peaks(levels, fall, peaks)):
         peak = peaks[i]
         while peak >= starts[p + 1]:
             p += 1
@@ -508,7 +479,7 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
         first = span[0] + count
         if peak < max(first, passed) or peak >= span[1] - count or found >= len(out):
             continue
-        if classes[peak] == BODY or not _falls(levels, peak, distances, rise, span):
+        if classes[peak] == BODY or not _falls(levels, peak, fall, span):
             continue
         height, floor = _edges(values, classes, flanks, peak, limits, span, means, edges)
         if height <= 0.0:
