@@ -213,11 +213,14 @@ def _fit_robustly(rows: FloatArray, outlier: float, line: FloatArray) -> IntArra
             off[k] = abs((rows[k, 0] - x) * dy - (rows[k, 1] - y) * dx)
         limit = max(outlier, 2.5 * median_of(off))
         near = np.empty(len(rows), dtype=np.int64)
-        count = 0
+        count, same = 0, True
         for k in range(len(rows)):
             if off[k] <= limit:
+                same = same and count < len(use) and use[count] == k
                 near[count] = k
                 count += 1
+        if same and count == len(use):  # they would be fitted, and left out, as they were
+            break
         use = near[:count]
     x, y, dx, dy, low, high = fit_with_ends(rows, use)
     if (line[2] - line[0]) * dx + (line[3] - line[1]) * dy < 0.0:
