@@ -11,7 +11,7 @@ from touchline.errors import InputError
 from touchline.perception.covered import is_covered
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
-_WANTED = "not an array (height, width, 3) of uint8"
+_WANTED, _BYTE = "not an array (height, width, 3) of uint8", np.dtype(np.uint8)
 
 
 class Detector(Protocol):
@@ -66,7 +66,7 @@ def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.i
 
 def is_image(image: object) -> bool:
     """Whether this is an image that can be looked at: uint8 (H, W, 3), not empty."""
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+    if not isinstance(image, np.ndarray) or image.dtype != _BYTE:
         return False
     return image.ndim == 3 and image.shape[2] == 3 and image.size > 0
 

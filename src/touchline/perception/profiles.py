@@ -469,10 +469,10 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
     levels, fall = values[LEVEL], np.float32(0.5 * limits.min_contrast)
-    owned, peaks = _flanks_of(classes), np.empty(len(classes) + 8, np.int64)
+    owned, peaks = _flanks_of(classes), np.empty(len(classes) + 8, np.int32)
     flanks, found, p, passed = uncounted(owned), 0, 0, 0
     for i in range(_peaks(levels, fall, peaks)):
-        peak = peaks[i]
+        peak = np.int64(peaks[i])
         while peak >= starts[p + 1]:
             p += 1
         span = (starts[p], starts[p + 1])

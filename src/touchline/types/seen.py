@@ -95,7 +95,13 @@ class LinePoints(_Seen):
     SHAPES: ClassVar = {"positions_m": (2,), "covariances_m2": (2, 2), "confidences": (), "pixels": (2,)}
 
     def __post_init__(self) -> None:
-        arrays = self.positions_m, self.covariances_m2, self.confidences, self.pixels
+        arrays = positions_m, covariances_m2, confidences, pixels = (
+            self.positions_m, self.covariances_m2, self.confidences, self.pixels
+        )  # fmt: skip
+        if type(positions_m) is type(covariances_m2) is type(confidences) is type(pixels) is np.ndarray:
+            count, shapes = confidences.size, (positions_m.shape, pixels.shape, confidences.shape, covariances_m2.shape)
+            if shapes == ((count, 2), (count, 2), (count,), (count, 2, 2)) and count <= MAX_OBSERVED_POINTS:
+                return  # nearly always
         for name, given in zip(self.SHAPES, arrays, strict=True):
             if not isinstance(given, np.ndarray):
                 try:
