@@ -24,7 +24,7 @@ _RESULTS = 5
 PROFILE_ROOM = _RESULTS + _MAX_SAMPLES
 """Numbers that a profile needs room for: what it found, then its samples."""
 _FLANK_PX = 3  # carpet looked at on each side
-_PER_WIDTH = 4.0  # samples across a line, at least, where it is so many pixels wide
+_PER_WIDTH = 6.0  # samples across a line, at least, where it is so many pixels wide
 _FAINTEST = 0.25  # least contrast of a line
 _BRIGHTEST = 1.5  # of paint, where edges lie at half height: what was learned of thin lines is half carpet
 _PALE_FLANK = 0.3  # what is beside a line is no whiter than this share of its contrast
