@@ -27,7 +27,7 @@ from touchline.season import Command, find_recordings, is_season, localize_all
 from touchline.season.recordings import folder_names
 from touchline.season.runs import JOURNAL
 from touchline.season.tables import RUNS_CSV, write_estimates
-from touchline.sources import BagOptions
+from touchline.sources import BagOptions, open_source
 
 NAMES = ("omni_msl_kidnap", "omni_msl_sun")
 
@@ -145,6 +145,24 @@ def test_which_recordings_are_meant(season: Path, tmp_path: Path) -> None:
         *("final", "final-2"),
         *("final-2-2", "final-3"),
     ]
+
+
+def test_a_folder_of_bags_holds_many_recordings_and_that_of_a_split_bag_is_one(tmp_path: Path) -> None:
+    for name in ("games/a.mcap", "games/day/b.mcap", "games/final/final_0.mcap", "games/final/final_1.mcap"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"\x89MCAP0\r\n")
+    games = tmp_path / "games"
+    assert is_season([str(games)])
+    assert find_recordings([str(games)]) == [str(games / name) for name in ("a.mcap", "day/b.mcap", "final")]
+    (games / "final" / "final_0.mcap").rename(games / "final" / "final.mcap")
+    assert find_recordings([str(games / "final")]) == [
+        str(games / "final" / name) for name in ("final.mcap", "final_1.mcap")
+    ]
+    with pytest.raises(InputError, match="holds bags, each a recording of its own"):
+        open_source(games)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="is an empty folder"):
+        open_source(tmp_path / "empty")
 
 
 @pytest.mark.parametrize(
