@@ -34,7 +34,7 @@ def journal(folder: Path, *more: str) -> str:
 
 
 def test_a_search_is_the_same_on_one_core_on_many_and_on_a_cluster(tmp_path: Path, scheduler: str) -> None:
-    alone = journal(tmp_path / "alone")
+    alone = journal(tmp_path / "alone", "--workers", "1")
     assert journal(tmp_path / "many", "--workers", "2") == alone
     assert journal(tmp_path / "cluster", "--dask", scheduler) == alone
 

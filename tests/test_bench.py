@@ -198,7 +198,7 @@ def test_a_program_that_never_answers_is_told(point_set: PointSet, monkeypatch: 
 
 def test_a_program_takes_no_images(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = shlex.join([sys.executable, str(EXAMPLES / "stream.py")])
-    assert main(["bench", str(small_data / "omni_msl_track"), "--program", command]) == 2
+    assert main(["bench", str(small_data / "omni_msl_track"), "--program", command]) == 1
     assert "observations.csv" in capsys.readouterr().err
 
 
@@ -219,6 +219,31 @@ def test_a_recording_is_compared_with_its_truth(small_data: Path, capsys: pytest
     assert row["mean_position_m"] < 0.02
     assert main(["bench", str(small_data / "omni_msl_track")]) == 0
     assert "omni_msl_track" in capsys.readouterr().out
+
+
+def test_one_recordings_failure_is_a_row_and_what_is_broken_is_named(
+    small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    games = tmp_path / "games"
+    for name in ("a", "b", "c"):
+        shutil.copytree(small_data / "omni_msl_kidnap", games / name)
+    (games / "b" / "camera.yaml").unlink()
+    next(iter(sorted((games / "c" / "images").iterdir()))).write_bytes(b"no image")
+    with (games / "c" / "odometry.csv").open("a") as file:
+        file.write("99.0,x,0,0\n")
+    (tmp_path / "list.txt").write_text("games/c\ngames/b\n")
+    assert main(["bench", str(games), "--system", "nubot-mti", "--json"]) == 1
+    said = capsys.readouterr()
+    assert "1 recording failed, the first: b: failed: " in said.err
+    rows = json.loads(said.out)["recordings"]
+    assert [row["name"] for row in rows] == ["a", "b", "c"]
+    assert "camera.yaml: is missing" in rows[1]["failure"]
+    assert rows[0]["problems"] == rows[0]["failure"] == rows[2]["failure"] == ""
+    assert main(["bench", str(tmp_path / "list.txt"), "--system", "nubot-mti"]) == 1
+    first, second = [line for line in capsys.readouterr().out.splitlines() if line[:2] in ("c ", "b ")]
+    assert "1 × broken image" in first
+    assert "1 × broken row" in first
+    assert second.split() == ["b", "failed"]
 
 
 def test_a_descent_that_ends_beside_the_pose_is_noticed_and_the_pose_found(point_set: PointSet) -> None:

@@ -22,14 +22,15 @@ from touchline.cli.console import (
     steps_shown,
     wide_output,
 )
-from touchline.cli.options import DaskAddress, WorkerCount
-from touchline.errors import InputError
+from touchline.cli.options import DaskAddress, TimedWorkers, WorkerCount
+from touchline.errors import InputError, TouchlineError
+from touchline.messages import counted
 
 if TYPE_CHECKING:
     from touchline.evaluation.points.bench import PointBench
     from touchline.evaluation.points.point_set import PointSet
-    from touchline.evaluation.recordings_bench import RecordingScore
     from touchline.experiments.benchmark.suite import Entry, Suite
+    from touchline.season.bench import BenchRow
 
 _DEG = 57.29578  # degrees in a radian
 _QUICK = 10  # --quick takes one robot in so many
@@ -79,7 +80,7 @@ def suite(
     first_robot: FirstRobot = None,
     rows: OnlyRows = None,
     quick: Quick = False,
-    workers: WorkerCount = 1,
+    workers: TimedWorkers = 1,
     dask: DaskAddress = None,
 ) -> None:
     """Run systems over a suite, score them, and keep every drive's figures in a file: an interrupted run goes on.
@@ -135,7 +136,7 @@ def score(
     first_robot: FirstRobot = None,
     rows: OnlyRows = None,
     quick: Quick = False,
-    workers: WorkerCount = 1,
+    workers: WorkerCount = None,
     dask: DaskAddress = None,
 ) -> None:
     """Score the poses that a program has written for exported inputs; the folder's name is the program's."""
@@ -196,30 +197,45 @@ def points(
 
 @bench_app.command("recordings", hidden=True)
 def recordings(
-    folders: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings that hold the truth.")],
+    given: Annotated[
+        list[str],
+        typer.Argument(metavar="RECORDING...", help="Recordings that hold the truth, folders of some, a list.txt."),
+    ],
     system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
     program: Program = None,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
-    workers: WorkerCount = 1,
+    workers: TimedWorkers = 1,
     dask: DaskAddress = None,
 ) -> None:
     """Run a system, or a program of your own, on recordings from nothing, and compare its poses with the truth.
 
-    Times per image are those of a busy machine where many workers share one.
+    What cannot be compared is a row that says so, and exit status 1 at the end; the others go on.
     """
-    from touchline.evaluation.recordings_bench import bench_recording
-    from touchline.evaluation.workers import open_workers
+    from touchline.evaluation.workers import ENDED, open_workers
+    from touchline.season import find_recordings
+    from touchline.season.bench import BenchRow, Task, row_of
+    from touchline.season.recordings import folder_names, is_address
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
     _check_one(system, program)
     name = system_info(system or DEFAULT_SYSTEM).name
-    with announce_compiling(errors_console().print), open_workers(workers, dask) as hands:
-        bench = partial(bench_recording, system=name, program=program)
-        scores = list(hands.map(bench, [folder.resolve() for folder in folders]))
+    found = [each if is_address(each) else str(Path(each).absolute()) for each in find_recordings(given)]
+    tasks = [Task(*each) for each in zip(folder_names(found), found, strict=True)]
+    done: dict[str, BenchRow] = {}
+    with steps_shown("recordings", len(tasks), compiles=True) as advance, open_workers(workers, dask) as hands:
+        bench = partial(row_of, system=name, program=program)
+        for row in hands.unordered(bench, tasks, lambda task: BenchRow(task.name, None, ENDED)):
+            done[row.name] = row
+            advance()
+    rows = [done[task.name] for task in tasks]
+    failed = [f"{row.name}: failed: {row.failure}" for row in rows if row.failure]
     if json:
-        print_json({"system": program or name, "recordings": [score.to_dict() for score in scores]})
+        print_json({"system": program or name, "recordings": [row.to_dict() for row in rows]})
     else:
-        wide_output().print(_recording_table(scores))
+        wide_output().print(_recording_table(rows))
+        say(*failed)
+    if failed:
+        raise TouchlineError(f"{counted(len(failed), 'recording')} failed, the first: {failed[0]}")
 
 
 def _bench_with_progress(points: PointSet, name: str, program: str | None) -> PointBench:
@@ -244,14 +260,17 @@ def _point_table(result: PointBench) -> Table:
     return _table(rows, "from", "position (cm)", "heading (°)", "× bound", "found (%)", "time (µs)")
 
 
-def _recording_table(scores: list[RecordingScore]) -> Table:
+def _recording_table(found: list[BenchRow]) -> Table:
     rows = []
-    for score in scores:
+    for name, score, _ in found:
+        if score is None:
+            rows.append((name, *[""] * 7, "failed"))
+            continue
         figures = (score.mean_position_m, score.max_position_m, score.mean_heading_rad, score.max_heading_rad)
         scaled = [f"{scale * value:.2f}" for scale, value in zip((100.0, 100.0, _DEG, _DEG), figures, strict=True)]
         counts = (str(score.images), f"{100.0 * score.tracked:.1f}")
-        rows.append((score.name, *counts, *scaled, f"{score.ms_per_image:.2f}"))
-    titles = "position (cm)", "largest (cm)", "heading (°)", "largest (°)", "time (ms)"
+        rows.append((name, *counts, *scaled, f"{score.ms_per_image:.2f}", score.problems))
+    titles = "position (cm)", "largest (cm)", "heading (°)", "largest (°)", "time (ms)", "problems"
     return _table(rows, "recording", "images", "tracked (%)", *titles)
 
 

@@ -28,7 +28,7 @@ def experiment(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where pages and pictures go.")] = Path(
         "results"
     ),
-    workers: WorkerCount = 1,
+    workers: WorkerCount = None,
     dask: DaskAddress = None,
     part: Annotated[
         str, typer.Option(metavar="REGEX", help="Of faults and play: run those of its tasks that it matches alone.")

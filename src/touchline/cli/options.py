@@ -91,7 +91,12 @@ def turn_in_rad(angle: float, option: str) -> float:
 
 
 WorkerCount = Annotated[
-    int, typer.Option("--workers", min=1, metavar="N", help="So many processes; the numbers are the same.")
+    int | None,
+    typer.Option("--workers", min=1, metavar="N", help="So many processes (default: all cores); same numbers."),
+]
+TimedWorkers = Annotated[
+    int,
+    typer.Option("--workers", min=1, metavar="N", help="So many processes; same errors, but times of a busy machine."),
 ]
 DaskAddress = Annotated[
     str | None, typer.Option("--dask", metavar="ADDRESS", help="On a Dask cluster (tcp://HOST:PORT; extra tune).")

@@ -45,7 +45,7 @@ def tune(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same trials.")] = 0,
     together: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Trials that are proposed at once.")] = 4,
-    workers: WorkerCount = 1,
+    workers: WorkerCount = None,
     dask: DaskAddress = None,
 ) -> None:
     """Search settings over recordings or scenarios: which ones cost the smallest errors?

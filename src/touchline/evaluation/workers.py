@@ -150,12 +150,14 @@ class _Cluster:
 
 
 @contextmanager
-def open_workers(count: int = 1, dask: str | None = None) -> Iterator[Workers]:
-    """Workers for as long as the block lasts: this process, so many processes, or the cluster whose scheduler is at
-    `dask` (tcp://HOST:PORT), on whose machines Touchline and the files that tasks name are found under the same paths.
+def open_workers(count: int | None = 1, dask: str | None = None) -> Iterator[Workers]:
+    """Workers for as long as the block lasts: this process, so many processes (None: all cores), or the
+    cluster whose scheduler is at `dask` (tcp://HOST:PORT), on whose machines Touchline and the files that tasks name
+    are found under the same paths.
 
     Raises InputError for a number of workers that is none, where Dask is not installed, and where no scheduler answers.
     """
+    count = min(os.cpu_count() or 1, _MAX_WORKERS) if count is None else count
     if not 1 <= count <= _MAX_WORKERS:
         raise InputError(f"{count} workers: expected 1 to {_MAX_WORKERS}")
     if dask is not None:

@@ -5,16 +5,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.metrics import associate, error_table
 from touchline.evaluation.outside_program import OutsideProgram
 from touchline.evaluation.runner import robot_setup
 from touchline.geometry import Pose
+from touchline.messages import unexpected
 from touchline.perception.covered import is_covered
+from touchline.season.recordings import at_hand
 from touchline.sources import Recording, open_source
 from touchline.systems import open_system
 from touchline.systems.ordered import OrderedSystem
@@ -24,10 +26,10 @@ from touchline.types import Frame, Samples, Status
 @dataclass(frozen=True, slots=True)
 class RecordingScore:
     """Errors of all images from the first that was localised on, black ones left out; tracked: share of those with
-    tracking as status. ms_per_image: median time of a step, reading left out.
+    tracking as status. ms_per_image: median time of a step, reading left out. problems: of the recording, counted
+    by kind.
     """
 
-    name: str
     images: int
     tracked: float
     mean_position_m: float
@@ -35,10 +37,26 @@ class RecordingScore:
     mean_heading_rad: float
     max_heading_rad: float
     ms_per_image: float
+    problems: str
+
+
+class Task(NamedTuple):
+    """A recording, and the name of its row."""
+
+    name: str
+    recording: str
+
+
+class BenchRow(NamedTuple):
+    """What became of a recording; without a score, failure says why."""
+
+    name: str
+    score: RecordingScore | None
+    failure: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        return asdict(self)
+        return {"name": self.name, **(asdict(self.score) if self.score else {}), "failure": self.failure}
 
 
 Step = Callable[[Frame], tuple[int, Pose | None, bool]]  # stamp, pose, and whether it is tracked
@@ -65,6 +83,17 @@ def opened(source: Recording, system: str, program: str | None) -> Iterator[Step
             return frame.stamp_ns, pose, pose is not None
 
         yield ask
+
+
+def row_of(task: Task, system: str, program: str | None = None) -> BenchRow:
+    """Run a system, or a program, over a recording; what goes wrong is its row's failure, the others go on."""
+    try:
+        with at_hand(task.recording) as path:
+            return BenchRow(task.name, bench_recording(path, system, program))
+    except TouchlineError as error:
+        return BenchRow(task.name, None, str(error))
+    except Exception as error:  # a fault of a system, or of one recording's decoder: a row, and not the end
+        return BenchRow(task.name, None, unexpected(error))
 
 
 def bench_recording(folder: Path, system: str, program: str | None = None) -> RecordingScore:
@@ -96,6 +125,5 @@ def bench_recording(folder: Path, system: str, program: str | None = None) -> Re
     share = float(located[counted].sum()) / max(int(counted.sum()) - errors.black, 1)
     position, heading = errors.position, errors.heading
     median_ms = 1e3 * float(np.median(times_s))
-    return RecordingScore(
-        source.name, errors.frames, min(share, 1.0), position.mean, position.max, heading.mean, heading.max, median_ms
-    )
+    figures = position.mean, position.max, heading.mean, heading.max
+    return RecordingScore(errors.frames, min(share, 1.0), *figures, median_ms, source.problems.summary())
