@@ -96,6 +96,33 @@ def test_what_was_cut_off_goes_on(season: Path, tmp_path: Path) -> None:
     assert {json.loads(line)["run"] for line in journal.read_text().splitlines()[1:]} == {"broken", *NAMES}
 
 
+@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
+def test_one_worker_that_is_interrupted_leaves_no_row_and_goes_on(season: Path, tmp_path: Path, kind: str) -> None:
+    script = tmp_path / "interrupted.py"
+    script.write_text(
+        "import os, signal, sys\nfrom touchline.cli import main\nfrom touchline.systems.nubot_mti import NubotMti\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\nstep, steps = NubotMti.step, []\n"
+        "def stopped(self, frame):\n    steps.append(frame)\n    if len(steps) == 5:\n"
+        f"        os.kill(os.getpid(), signal.{kind})\n    return step(self, frame)\n"
+        "NubotMti.step = stopped\nsys.exit(main())\n"
+    )
+    given = [
+        "run",
+        str(season / "games" / NAMES[1]),
+        str(season / "games" / "broken"),
+        "--output",
+        str(tmp_path / "out"),
+    ]
+    given += ["--workers", "1", "--system", "nubot-mti"]
+    ended = subprocess.run([sys.executable, str(script), *given], stderr=subprocess.PIPE, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr.decode().splitlines()[-1]) == (130, "error: interrupted")
+    assert len((tmp_path / "out" / JOURNAL).read_text().splitlines()) == 1
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {JOURNAL, NAMES[1]}
+    assert not (tmp_path / "out" / NAMES[1] / "report.html").exists()
+    assert main(given) == 1
+    assert rows_of(tmp_path / "out")[NAMES[1]]["images"] == "20"
+
+
 def test_only_the_same_command_goes_on(season: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "other").mkdir()
     assert run_many(season, tmp_path / "other") == 2

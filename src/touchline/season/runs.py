@@ -136,6 +136,8 @@ def localize_one(task: Task) -> tuple[Row, EstimateTable | None]:
             folder = Path(scratch) / name if is_address(task.target) else Path(task.target)
             shutil.rmtree(folder, ignore_errors=True)  # begun and not finished, or of inputs that have changed
             finished, failure = _localized(path, folder, command)
+            if finished.summary["ended"] == "interrupted":  # by a signal to this process: begun, not done
+                raise KeyboardInterrupt
             row |= _finished_row(finished, failure)
             if is_address(task.target):
                 keep(folder, task.target)
@@ -164,8 +166,8 @@ def _localized(path: Path, folder: Path, command: Command) -> tuple[Run, BaseExc
     )  # fmt: skip
 
     def wants_report(summary: Mapping[str, Any]) -> bool:
-        lost = not summary["status"][Status.TRACKING]
-        return command.report == "all" or lost or summary["failure"] is not None
+        lost = not summary["status"][Status.TRACKING] or summary["failure"] is not None
+        return summary["ended"] != "interrupted" and (command.report == "all" or lost)
 
     report = None if command.report == "none" else wants_report
     return prepared.execute(new_folder(folder, folder.name), report=report)
