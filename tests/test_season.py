@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import queue
 import shutil
 import signal
 import subprocess
@@ -18,9 +19,11 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+from numba.core import event
 
 import touchline
 from touchline.cli import main
+from touchline.cli.console import announce_compiling
 from touchline.cli.season import line_of
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.workers import open_workers
@@ -402,6 +405,19 @@ def end_itself(task: int) -> int:
     if task == 2:
         os.kill(os.getpid(), signal.SIGKILL)
     return task
+
+
+def compile_for(task: int) -> int:
+    with event.trigger_event("numba:compile"):
+        return task
+
+
+def test_that_workers_compile_is_said_once() -> None:
+    said: queue.SimpleQueue[str] = queue.SimpleQueue()
+    with announce_compiling(said.put), open_workers(2) as workers:
+        assert list(workers.map(compile_for, range(4))) == [0, 1, 2, 3]
+        assert said.get(timeout=10.0).startswith("compiling the inner loops")
+    assert said.empty()
 
 
 def test_a_task_that_ends_its_worker_is_not_the_end_of_the_others() -> None:

@@ -56,13 +56,28 @@ class Here:
 
 class _Pool:
     def __init__(self, count: int) -> None:
-        self._count = count
+        self._count, self._context, self._is_closed = count, get_context("spawn"), False
+        self._compiling = self._context.Event()
+        threading.Thread(target=self._pass_on, daemon=True).start()
         self._open()
 
     def _open(self) -> None:
-        self._executor = ProcessPoolExecutor(self._count, mp_context=get_context("spawn"), initializer=_begin_worker)
+        self._executor = ProcessPoolExecutor(
+            self._count, mp_context=self._context, initializer=_begin_pool_worker, initargs=(self._compiling.set,)
+        )
+
+    def _pass_on(self) -> None:
+        """Numba's event that a loop is compiled, of the first in any worker, here: whoever listens tells the user."""
+        self._compiling.wait()
+        if not self._is_closed:
+            from numba.core import event
+
+            with event.trigger_event("numba:compile"):
+                pass
 
     def close(self) -> None:
+        self._is_closed = True
+        self._compiling.set()
         workers = list((self._executor._processes or {}).values())
         try:
             self._executor.shutdown(wait=True, cancel_futures=True)
@@ -103,6 +118,19 @@ class _Pool:
                 suspects = min(len(left), self._count + 1)
                 half = (suspects + 1) // 2
                 rounds += [left[suspects:], left[half:suspects], left[:half]]
+
+
+def _begin_pool_worker(on_compiling: Callable[[], None]) -> None:
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            on_compiling()
+
+        def on_end(self, event: Any) -> None: ...
+
+    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
+    _begin_worker()
 
 
 def _begin_worker() -> None:
