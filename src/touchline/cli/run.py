@@ -107,7 +107,7 @@ def run(
     from touchline.season import Command, is_season
 
     bag = bag_options(topics, field, camera, base, late, from_zero)
-    if is_season(recordings):
+    if is_season(recordings, output):
         if start is not None or view is not None or rrd is not None:
             raise InputError("--start, --view and --rrd are for one recording")
         if output is None:
