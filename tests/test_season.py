@@ -21,13 +21,14 @@ import pytest
 
 import touchline
 from touchline.cli import main
+from touchline.cli.season import line_of
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.workers import open_workers
 from touchline.season import Command, find_recordings, is_season, localize_all
-from touchline.season.recordings import folder_names
+from touchline.season.recordings import folder_names, keep
 from touchline.season.runs import JOURNAL
 from touchline.season.tables import RUNS_CSV, write_estimates
-from touchline.sources import BagOptions
+from touchline.sources import BagOptions, open_source
 
 NAMES = ("omni_msl_kidnap", "omni_msl_sun")
 
@@ -131,10 +132,166 @@ def test_only_the_same_command_goes_on(season: Path, tmp_path: Path, capsys: pyt
     head = {"command": Command("nubot-mti", report="failed", bag=BagOptions().to_dict()).to_dict()}
     (tmp_path / "out" / JOURNAL).write_text(json.dumps(head) + "\n")
     assert run_many(season, tmp_path / "out", "--seed", "7") == 2
-    assert "is of another command (other seed)" in capsys.readouterr().err
+    assert "is of another command (other --seed)" in capsys.readouterr().err
     (tmp_path / "out" / JOURNAL).write_text("[]\n")
     assert run_many(season, tmp_path / "out") == 2
     assert "is no journal" in capsys.readouterr().err
+
+
+class Noting:
+    """A worker that notes the folders of what it is given, and says of each the same failure."""
+
+    def __init__(self, failure: str = "") -> None:
+        self.failure, self.targets = failure, []  # type: ignore[var-annotated]
+
+    def map(self, function: Any, tasks: Any) -> Any:
+        raise NotImplementedError
+
+    def unordered(self, function: Any, tasks: Any, ended: Any) -> Any:
+        for task in tasks:
+            self.targets.append(task.target)
+            Path(task.target).mkdir(exist_ok=True)
+            yield {"run": Path(task.target).name, "recording": task.recording, "failure": self.failure}, None
+
+
+COMMAND = Command("nubot-mti", report="none")
+
+
+def test_rows_and_folders_of_other_recordings_stay(season: Path, tmp_path: Path) -> None:
+    out = str(tmp_path / "out")
+    games = find_recordings([str(season / "games")])
+    later = shutil.copytree(games[1], tmp_path / "day-2" / NAMES[0])
+    localize_all(games[1:], out, COMMAND, Noting())
+    worker = Noting()
+    assert [row["run"] for row in localize_all([str(later)], out, COMMAND, worker)] == [f"{NAMES[0]}-2"]
+    assert worker.targets == [f"{out}/{NAMES[0]}-2"]
+    assert list(rows_of(tmp_path / "out")) == [*NAMES, f"{NAMES[0]}-2"]
+    worker = Noting()
+    localize_all([str(later), *games[1:]], out, COMMAND, worker)
+    assert worker.targets == []
+
+
+def test_paths_are_whole_ones(season: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(season / "games")
+    (tmp_path / "linked").symlink_to(season / "games" / NAMES[1])
+    assert find_recordings([NAMES[1], f"../games/{NAMES[1]}", str(tmp_path / "linked")]) == [
+        str(season / "games" / NAMES[1]),
+        str(tmp_path / "linked"),
+    ]
+    worker = Noting()
+    localize_all(find_recordings([NAMES[1]]), os.path.relpath(tmp_path / "out"), COMMAND, worker)
+    assert Path(worker.targets[0]).is_absolute()
+
+
+def test_addresses_with_the_same_end_have_a_journal_each(
+    season: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = ["run", str(season / "games" / NAMES[1]), "--workers", "1", "--system", "nubot-mti", "--report", "none"]
+    for _ in range(2):
+        for name in ("one", "two"):
+            assert main([*given, "--output", f"file://{tmp_path}/{name}/results"]) == 0
+            assert (tmp_path / name / "results" / NAMES[1] / "summary.json").is_file()
+            shutil.rmtree(tmp_path / name / "results" / NAMES[1])  # is missed, and done again
+    assert len(list((tmp_path / "runs").iterdir())) == 2
+
+
+def test_what_stands_at_an_address_is_replaced(tmp_path: Path) -> None:
+    for name in ("old", "new"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).write_text("")
+        keep(tmp_path / name, f"file://{tmp_path}/kept")
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["new"]
+
+
+def test_a_store_that_nothing_is_installed_for_is_told_before_the_work(
+    season: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(address: str) -> None:
+        raise ImportError("No module named 's3fs'")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("fsspec.core.url_to_fs", missing)
+    assert main(["run", str(season / "games" / NAMES[1]), "--output", "s3://cup/results"]) == 2
+    assert "s3://cup/results: needs pip install 'touchline[season]'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_of_games_in_a_store_is_named_by_its_address(season: Path, tmp_path: Path) -> None:
+    address = f"file://{season}/games"
+    with open_workers() as here:
+        (row,) = localize_all([address], str(tmp_path / "out"), COMMAND, here)
+    assert row["failure"].startswith(f"{address}/sequence.yaml: is missing")
+
+
+def test_a_folder_is_one_commands_at_a_time(season: Path, tmp_path: Path) -> None:
+    game, out = str(season / "games" / NAMES[1]), str(tmp_path / "out")
+
+    def again(left: int) -> None:
+        with pytest.raises(InputError, match="out: another touchline run is at work here"):
+            localize_all([game], out, COMMAND, Noting())
+
+    assert len(localize_all([game], out, COMMAND, Noting(), on_begin=again)) == 1
+
+
+def test_what_failed_or_has_no_folder_is_done_again(season: Path, tmp_path: Path) -> None:
+    games, out = find_recordings([str(season / "games")]), str(tmp_path / "out")
+    localize_all(games[:1], out, COMMAND, Noting("a store that was down"))
+    localize_all(games[1:], out, COMMAND, Noting())
+    shutil.rmtree(tmp_path / "out" / NAMES[1])
+    worker, begun = Noting(), [0]
+    localize_all(games, out, COMMAND, worker, on_begin=begun.append)
+    assert worker.targets == [f"{out}/broken", f"{out}/{NAMES[1]}"]
+    assert begun == [0, 2]
+    assert not any(row["failure"] for row in rows_of(tmp_path / "out").values())
+
+
+@pytest.mark.parametrize(
+    ("more", "wrong"),
+    [
+        (["--set", "nosuch=1"], "unknown setting 'nosuch'"),
+        (["--preset", "paperr"], "no preset 'paperr'"),
+        (["--system", "nosuch"], "unknown system 'nosuch'"),
+    ],
+)
+def test_a_mistake_in_the_command_is_told_once(
+    season: Path, tmp_path: Path, more: list[str], wrong: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_many(season, tmp_path / "out", *more) == 2
+    assert wrong in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_report_is_the_same_command_and_versions_are_named(
+    season: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    game, out = str(season / "games" / NAMES[1]), str(tmp_path / "out")
+    localize_all([game], out, COMMAND, Noting())
+    worker = Noting()
+    localize_all([game], out, Command("nubot-mti"), worker)
+    assert worker.targets == []
+    monkeypatch.setattr("touchline.season.runs.version", lambda name: "77")
+    with pytest.raises(InputError, match=r"other --set; touchline [\d.a-z]+, here 77; numpy .*, here 77; numba"):
+        localize_all([game], out, Command("nubot-mti", overrides=("line_points.circles=20",)), worker)
+
+
+def test_what_is_told_before_a_run_stands_in_its_row(season: Path, tmp_path: Path) -> None:
+    game = shutil.copytree(season / "games" / NAMES[1], tmp_path / "game")
+    lines = [line.split(",") for line in (game / "odometry.csv").read_text().splitlines()]
+    scaled = [lines[0], *([t, str(1e3 * float(x)), str(1e3 * float(y)), *rest] for t, x, y, *rest in lines[1:])]
+    (game / "odometry.csv").write_text("\n".join(map(",".join, scaled)))
+    with open_workers() as here:
+        (row,) = localize_all([str(game)], str(tmp_path / "out"), COMMAND, here)
+    assert "millimetres" in row["notices"]
+    assert "millimetres" in line_of(row)
+
+
+def test_a_line_says_what_a_single_run_does() -> None:
+    row = {"run": "a", "failure": "", "images": 64, "tracking": 50, "position_mean_m": 5.53, "end_open_images": 53}
+    assert line_of({**row, "notices": "odometry.csv: looks like mm"}) == (
+        "a: 64 images, 78 % tracked, 553.0 cm; in 53 the other end of the field fits as well; "
+        "odometry.csv: looks like mm"
+    )
 
 
 def test_a_recording_that_has_changed_is_done_again(season: Path, tmp_path: Path) -> None:
@@ -158,6 +315,7 @@ def test_which_recordings_are_meant(season: Path, tmp_path: Path) -> None:
     listed = season / "list.txt"
     listed.write_text(f"# the final\ngames/{NAMES[1]}\n\ns3://cup/final\n")
     assert find_recordings([str(listed), each[1]]) == [each[2], "s3://cup/final", each[1]]
+    assert is_season([each[1]], "s3://cup/results")
     assert [is_season([text]) for text in (str(season), str(listed), "s3://cup/final", each[1], "nowhere")] == [
         *(True, True, True),
         *(False, False),
@@ -174,6 +332,24 @@ def test_which_recordings_are_meant(season: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_a_folder_of_bags_holds_many_recordings_and_that_of_a_split_bag_is_one(tmp_path: Path) -> None:
+    for name in ("games/a.mcap", "games/day/b.mcap", "games/final/final_0.mcap", "games/final/final_1.mcap"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"\x89MCAP0\r\n")
+    games = tmp_path / "games"
+    assert is_season([str(games)])
+    assert find_recordings([str(games)]) == [str(games / name) for name in ("a.mcap", "day/b.mcap", "final")]
+    (games / "final" / "final_0.mcap").rename(games / "final" / "final.mcap")
+    assert find_recordings([str(games / "final")]) == [
+        str(games / "final" / name) for name in ("final.mcap", "final_1.mcap")
+    ]
+    with pytest.raises(InputError, match="holds bags, each a recording of its own"):
+        open_source(games)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="is an empty folder"):
+        open_source(tmp_path / "empty")
+
+
 @pytest.mark.parametrize(
     ("more", "wrong"),
     [
@@ -187,11 +363,29 @@ def test_wrong_calls(season: Path, more: list[str], wrong: str, capsys: pytest.C
     assert wrong in capsys.readouterr().err
 
 
+def test_one_recording_has_no_report_if_none_is_wanted_and_no_workers(
+    season: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = ["run", str(season / "games" / NAMES[1]), "--system", "nubot-mti", "--output", str(tmp_path / "out")]
+    for more in (["--workers", "2"], ["--dask", "tcp://127.0.0.1:1"]):
+        assert main([*one, *more]) == 2
+        assert "are for many recordings" in capsys.readouterr().err
+    assert main([*one, "--report", "some"]) == 2
+    assert "--report some: of one recording expected all or none" in capsys.readouterr().err
+    assert main([*one, "--report", "none"]) == 0
+    assert f"results: {tmp_path / 'out'}" in capsys.readouterr().out
+    assert not (tmp_path / "out" / "report.html").exists()
+
+
 def test_tables_of_columns(season: Path, tmp_path: Path) -> None:
-    assert run_many(season, tmp_path / "out") == 1
+    assert run_many(season, tmp_path / "out", "--set", "line_points.circles=20") == 1
     runs = pyarrow.parquet.read_table(tmp_path / "out" / "runs.parquet").to_pylist()
     assert [row["run"] for row in runs] == ["broken", *NAMES]
     assert runs[0]["images"] is None
+    assert (runs[2]["ended"], runs[2]["end_open_images"], runs[2]["settings"]) == (
+        *("complete", 0),
+        "line_points.circles=20",
+    )
     estimates = pyarrow.parquet.read_table(tmp_path / "out" / NAMES[1] / "estimates.parquet")
     assert estimates.num_rows == runs[2]["images"]
     assert {"stamp_ns", "x_m", "heading_rad", "status", "protection_m"} <= set(estimates.column_names)

@@ -211,21 +211,18 @@ def prepare(
     overrides win over it.
     """
     info = system_info(system)
-    others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
     file = None
     if config is not None and not isinstance(config, Settings):
         file = given_path("config", "the path of a YAML file of settings", config)
     if not isinstance(overrides, list | tuple) or not all(isinstance(each, str) for each in overrides):
         raise refused("overrides", "a list of texts 'key=value'", overrides)
     seed = given_seed(seed)
-    if preset is not None and not preset_values(info.settings, preset):
-        raise InputError(f"{info.name} has no preset '{preset}'{_with_preset(preset)}")
     if isinstance(config, Settings):
         if overrides or preset is not None:
             raise InputError("config: settings are taken as they are; overrides and a preset change those of a file")
         settings = config
     else:
-        settings = load_settings(info.settings, file, overrides, elsewhere=others, preset=preset)
+        settings = settings_given(info, file, overrides, preset)
     source = open_source(recording)
     setup = robot_setup(source)
     built = open_system(system, setup, settings, np.random.default_rng(seed))
@@ -234,6 +231,14 @@ def prepare(
     slips = tuple(str(slip) for slip in find_slips(source))
     notices = (*_notices(source, info), *_height_notices(setup, info), *slips)
     return PreparedRun(source, built, info, settings, prior, seed, notices, slips)
+
+
+def settings_given(info: SystemInfo, file: Path | None, overrides: Sequence[str], preset: str | None) -> Settings:
+    """A system's settings as a command gives them. Raises InputError for what is wrong, and for an unknown preset."""
+    if preset is not None and not preset_values(info.settings, preset):
+        raise InputError(f"{info.name} has no preset '{preset}'{_with_preset(preset)}")
+    others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
+    return load_settings(info.settings, file, overrides, elsewhere=others, preset=preset)
 
 
 def _with_preset(preset: str) -> str:

@@ -214,12 +214,12 @@ def recordings(
     from touchline.evaluation.workers import ENDED, open_workers
     from touchline.season import find_recordings
     from touchline.season.bench import BenchRow, Task, row_of
-    from touchline.season.recordings import folder_names, is_address
+    from touchline.season.recordings import folder_names
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
     _check_one(system, program)
     name = system_info(system or DEFAULT_SYSTEM).name
-    found = [each if is_address(each) else str(Path(each).absolute()) for each in find_recordings(given)]
+    found = find_recordings(given)
     tasks = [Task(*each) for each in zip(folder_names(found), found, strict=True)]
     done: dict[str, BenchRow] = {}
     with steps_shown("recordings", len(tasks), compiles=True) as advance, open_workers(workers, dask) as hands:

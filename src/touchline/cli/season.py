@@ -31,8 +31,10 @@ def run_all(given: Sequence[str], output: str, command: Command, workers: int | 
             progress.update(task, completed=len(recordings) - left)
             progress.console.print(line_of(row), markup=False, highlight=False)
 
-        rows = localize_all(recordings, output, command, hands, on_row)
-        progress.update(task, completed=len(rows))
+        def on_begin(left: int) -> None:
+            progress.update(task, completed=len(recordings) - left)
+
+        rows = localize_all(recordings, output, command, hands, on_row, on_begin)
     failed = [row for row in rows if row["failure"]]
     say(f"{counted(len(rows), 'recording')}, {len(failed)} failed: {output}/{RUNS_CSV}")
     if failed:
@@ -46,4 +48,7 @@ def line_of(row: Row) -> str:
     tracked = 100.0 * row["tracking"] / max(row["images"], 1)
     words = f"{row['run']}: {counted(row['images'], 'image')}, {tracked:.0f} % tracked"
     error_m = row.get("tracked_position_mean_m") or row.get("position_mean_m")
-    return words if error_m is None else f"{words}, {100.0 * error_m:.1f} cm"
+    words += "" if error_m is None else f", {100.0 * error_m:.1f} cm"
+    if open_images := row["end_open_images"]:
+        words += f"; in {open_images} the other end of the field fits as well"
+    return f"{words}; {row['notices']}" if row["notices"] else words

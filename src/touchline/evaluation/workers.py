@@ -105,13 +105,22 @@ class _Pool:
                 rounds += [left[suspects:], left[half:suspects], left[:half]]
 
 
-def _begin_worker() -> None:
-    """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
+def _prepare_loops() -> None:
     leave_out_c_wrappers()
     take_packed_loops()
     load_loops_lean()
+
+
+def _begin_worker() -> None:
+    """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
+    _prepare_loops()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _begin_cluster_worker() -> None:
+    os.environ.setdefault("NUMBA_OPT", "1")  # as the commands do; Dask itself keeps BLAS to one thread
+    _prepare_loops()
 
 
 def _end_with_parent() -> None:
@@ -179,6 +188,8 @@ def _client(address: str) -> Any:
     except ImportError:
         raise InputError("--dask needs Dask, which is not installed: pip install 'touchline[tune]'") from None
     try:
-        return Client(address, timeout=5.0, set_as_default=False)
+        client = Client(address, timeout=5.0, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--dask {address}: no scheduler answers there ({error}); expected tcp://HOST:PORT") from None
+    client.register_worker_callbacks(_begin_cluster_worker)
+    return client

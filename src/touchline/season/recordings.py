@@ -1,7 +1,7 @@
 """Which recordings a command means: paths, folders of recordings, lists, and addresses of an object store (fsspec)."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,9 +20,9 @@ def is_address(text: str) -> bool:
     return "://" in text
 
 
-def is_season(given: Sequence[str]) -> bool:
-    """Whether more than one recording is meant, or one that has to be fetched."""
-    if len(given) != 1:
+def is_season(given: Sequence[str], output: str | None = None) -> bool:
+    """Whether more than one recording is meant, or one that is fetched from a store or whose results go there."""
+    if len(given) != 1 or is_address(output or ""):
         return True
     path = Path(given[0])
     listed = path.suffix in _LISTS and path.is_file()
@@ -31,12 +31,18 @@ def is_season(given: Sequence[str]) -> bool:
 
 def find_recordings(given: Sequence[str]) -> list[str]:
     """The recordings that are meant, in order, each once: a recording itself; all that a folder holds, at any depth;
-    those that a text file lists, a line each; an address as it is.
+    those that a text file lists, a line each; an address as it is. Paths are whole ones, which a cluster's workers
+    find, too, and of which another folder's are told apart.
 
     Raises InputError for what is not there, and for a folder or list without recordings.
     """
-    found = [each for text in given for each in _meant(text)]
+    found = [each if is_address(each) else _whole(Path(each)) for text in given for each in _meant(text)]
     return list(dict.fromkeys(found))
+
+
+def _whole(path: Path) -> str:
+    """The path from the root; a link keeps its name, which is the recording's."""
+    return str(path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name)
 
 
 def _meant(text: str) -> Iterator[str]:
@@ -75,16 +81,41 @@ def _inside(folder: Path) -> Iterator[str]:
             yield from _inside(path)
 
 
-def folder_names(recordings: Sequence[str]) -> list[str]:
-    """A folder's name for each recording: its own, with a number where several have the same."""
-    names: dict[str, None] = {}
+def folder_names(recordings: Sequence[str], known: Mapping[str, str] | None = None) -> list[str]:
+    """A folder's name for each recording: its own, with a number where several have the same.
+
+    known: recording -> name, of recordings that have theirs.
+    """
+    names = dict(known or {})
+    taken = set(names.values())
     for recording in recordings:
+        if recording in names:
+            continue
         name = file_name(Path(recording).name if not is_address(recording) else recording.rsplit("/", 1)[-1])
         number = 1
-        while (unique := name if number == 1 else f"{name}-{number}") in names:
+        while (unique := name if number == 1 else f"{name}-{number}") in taken:
             number += 1
-        names[unique] = None
-    return list(names)
+        names[recording] = unique
+        taken.add(unique)
+    return [names[recording] for recording in recordings]
+
+
+def names_in(place: str) -> set[str]:
+    """The names of what lies in a folder or below an address; none where it is not there.
+
+    Raises TouchlineError if it cannot be read.
+    """
+    try:
+        if not is_address(place):
+            return {path.name for path in Path(place).iterdir()}
+        system, path = open_store(place)
+        return {name.rstrip("/").rsplit("/", 1)[-1] for name in system.ls(path, detail=False)}
+    except FileNotFoundError:
+        return set()
+    except InputError:
+        raise
+    except Exception as error:  # each store has its own
+        raise TouchlineError(f"{place}: cannot be read ({type(error).__name__}: {error})") from None
 
 
 def fingerprint(recording: str) -> str:
@@ -94,7 +125,7 @@ def fingerprint(recording: str) -> str:
     """
     try:
         if is_address(recording):
-            system, place = _store(recording)
+            system, place = open_store(recording)
             rows = [f"{name} {entry.get('size')}" for name, entry in sorted(system.find(place, detail=True).items())]
         else:
             path = Path(recording)
@@ -114,26 +145,31 @@ def at_hand(recording: str) -> Iterator[Path]:
     if not is_address(recording):
         yield Path(recording)
         return
-    system, path = _store(recording)
+    system, path = open_store(recording)
     with TemporaryDirectory() as scratch:
         target = Path(scratch) / path.rsplit("/", 1)[-1]
         try:
             system.get(path, str(target), recursive=True)
         except Exception as error:  # each store has its own
             raise TouchlineError(f"{recording}: cannot be fetched ({type(error).__name__}: {error})") from None
-        yield target
+        try:
+            yield target
+        except TouchlineError as error:
+            raise TouchlineError(str(error).replace(str(target), recording)) from None
 
 
 def keep(folder: Path, address: str) -> None:
-    """Copy a finished folder to an address. Raises TouchlineError if it cannot be."""
-    system, path = _store(address)
+    """Copy a finished file or folder to an address, in place of an older one. Raises TouchlineError if it cannot be."""
+    system, path = open_store(address)
     try:
+        if folder.is_dir() and system.exists(path):
+            system.rm(path, recursive=True)
         system.put(str(folder), path, recursive=True)
     except Exception as error:  # each store has its own
         raise TouchlineError(f"{address}: cannot be written ({type(error).__name__}: {error})") from None
 
 
-def _store(address: str) -> tuple[Any, str]:
+def open_store(address: str) -> tuple[Any, str]:
     """An address's file system and the path in it. Raises InputError where none is installed."""
     try:
         from fsspec.core import url_to_fs

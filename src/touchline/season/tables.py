@@ -11,26 +11,31 @@ from typing import Any
 
 import numpy as np
 
+from touchline.config import leaves, settings_tree
 from touchline.evaluation import Run
 from touchline.evaluation.estimates import EstimateTable
 from touchline.files.new import replace_file
+from touchline.systems import system_info
 from touchline.types import Status
 
 RUNS_CSV, RUNS_PARQUET, ESTIMATES_PARQUET = "runs.csv", "runs.parquet", "estimates.parquet"
 Row = dict[str, Any]
-_TEXTS = ("run", "recording", "field", "system", "seed", "version", "started", "problems", "said", "failure")
-_COUNTS = ("images", "tracking", "searching", "lost", "missing_images", "black_images")
+_BEGUN = ("run", "recording", "field", "system", "settings", "seed", "version", "started")
+_SAID = ("notices", "problems", "said", "ended", "failure")
+_COUNTS = ("images", "tracking", "searching", "lost", "missing_images", "black_images", "end_open_images")
 _FIGURES = (
     *("duration_s", "rate_images_s", "time_median_ms", "time_p99_ms"),
     *("position_mean_m", "position_median_m", "position_max_m", "heading_mean_rad", "heading_max_rad"),
     *("tracked_position_mean_m", "tracked_position_max_m"),
 )
-COLUMNS = (*_TEXTS[:7], *_COUNTS, *_FIGURES, *_TEXTS[7:])
+COLUMNS = (*_BEGUN, *_COUNTS, *_FIGURES, *_SAID)
 
 
 def row_of(finished: Run) -> Row:
     """A finished run's row: counts, times, errors where the recording holds truth, what was said."""
     summary = finished.summary
+    own = leaves(settings_tree(system_info(summary["system"]).settings()))
+    changed = [f"{key}={value}" for key, value in leaves(summary["settings"]).items() if own.get(key) != value]
     errors = summary["errors"] or {}
     figures = {
         f"{name}_{statistic}_{unit}": errors[f"{name}_{unit}"][statistic]
@@ -42,6 +47,7 @@ def row_of(finished: Run) -> Row:
     return {
         "field": summary["recording"]["field"],
         "system": summary["system"],
+        "settings": "; ".join(changed),
         "seed": summary["seed"],
         "version": summary["versions"]["touchline"],
         "started": summary["started"],
@@ -49,13 +55,16 @@ def row_of(finished: Run) -> Row:
         **{status.value: counts[status] for status in Status},
         "missing_images": summary["missing_images"],
         "black_images": summary["black_images"]["count"],
+        "end_open_images": summary["either_side"]["count"],
         "duration_s": summary["duration_s"],
         "rate_images_s": summary["rate_fps"],
         "time_median_ms": summary["latency_ms"]["total"]["median"],
         "time_p99_ms": summary["latency_ms"]["total"]["p99"],
         **{name: value for name, value in figures.items() if name in _FIGURES},
+        "notices": " ".join(summary["notices"]),
         "problems": "; ".join(f"{count} × {kind}" for kind, count in summary["problems"]["counts"].items()),
         "said": "; ".join(each["what"] for each in summary["said"]),
+        "ended": summary["ended"],
     }
 
 
@@ -70,7 +79,7 @@ def write_runs(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     if pyarrow is None:
         return
     kinds = {
-        **dict.fromkeys(_TEXTS, pyarrow.string()),
+        **dict.fromkeys((*_BEGUN, *_SAID), pyarrow.string()),
         **dict.fromkeys(("seed", *_COUNTS), pyarrow.int64()),
         **dict.fromkeys(_FIGURES, pyarrow.float64()),
     }

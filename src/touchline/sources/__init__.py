@@ -43,11 +43,11 @@ def open_source(
     path = given_path("recording", "the path of a recording", path)
     files = find_bag(path)
     options = options or BagOptions()
-    if files is None and options.given():
-        reason = "a recording's folder tells its field and camera itself, in sequence.yaml"
-        raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; {reason}")
     if files is None:
         refuse_other_files(path)
+        if options.given():
+            reason = "a recording's folder tells its field and camera itself, in sequence.yaml"
+            raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; {reason}")
         return Recording(path, follow_links)
     require_bags(path)
     from touchline.sources.bags.opening import open_bag

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from touchline.errors import InputError
 from touchline.files.opened import open_bytes
+from touchline.sources.description import SEQUENCE
 
 _STARTS = (  # what a file starts with, at which byte
     (b"PK\x03\x04", 0, "zip"),
@@ -33,8 +34,16 @@ _GUIDE = "docs/how-to-recording.md"
 
 
 def refuse_other_files(path: Path) -> None:
-    """Raises InputError for a file: how it becomes a recording. Folders and what is not there are not looked at."""
-    if not path.exists() or path.is_dir():
+    """Raises InputError for a file: how it becomes a recording; for a folder that is empty or one of bags."""
+    if not path.exists() or (path / SEQUENCE).exists():
+        return
+    if path.is_dir():
+        names = sorted(each.name for each in path.iterdir())
+        if not names:
+            raise InputError(f"{path}: is an empty folder; expected a recording ({_GUIDE})")
+        for name in names:
+            if name.endswith(_ENDINGS["bag"]):
+                raise InputError(f"{path}: holds bags, each a recording of its own: give one of them, as {path / name}")
         return
     kind, parent = _kind_of(path), path.resolve().parent
     advice = {

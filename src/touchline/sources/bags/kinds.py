@@ -69,9 +69,15 @@ def _in_folder(folder: Path) -> BagFiles | None:
             return BagFiles(BagKind.MCAP, tuple(known))
         return BagFiles(BagKind.ROSBAG2, (folder,)) if order else None
     kinds = {file.suffix for file in files}
-    if len(kinds) != 1:
+    if len(kinds) != 1 or not _is_split(files):
         return None
     return BagFiles(BagKind.MCAP if kinds == {".mcap"} else BagKind.ROSBAG2, tuple(files))
+
+
+def _is_split(files: Sequence[Path]) -> bool:
+    """Whether they are NAME_0, NAME_1, … of one bag; of other names each is a recording of its own."""
+    name = files[0].stem.removesuffix("_0")
+    return [file.stem for file in files] == [f"{name}_{number}" for number in range(len(files))]
 
 
 def _order(metadata: Path) -> Sequence[str]:
