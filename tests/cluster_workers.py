@@ -13,9 +13,11 @@ import pytest
 from distributed import LocalCluster
 
 from touchline.cli import main
+from touchline.compiling import load_loops_lean
 from touchline.evaluation.workers import Here, Workers, open_workers
 from touchline.experiments.harness import computed, progress_to
 from touchline.experiments.nees import CONDITIONS, Honesty, honesty
+from touchline.packed_loops import take_packed_loops
 
 ROOT = Path(__file__).parents[1]
 SEARCH = ("--system", "nubot-mti", "--search", "matching.c_m=0.05:0.6:log", "--search", "matching.iterations=2:30")
@@ -64,6 +66,16 @@ def test_the_runs_of_an_experiment_are(scheduler: str) -> None:
     for where in ((2, None), (1, scheduler)):
         with open_workers(*where) as workers:
             assert robots(workers) == alone
+
+
+def has_begun(task: int) -> bool:
+    known = take_packed_loops.cache_info().currsize + load_loops_lean.cache_info().currsize
+    return known == 2 and os.environ["NUMBA_OPT"] == "1"
+
+
+def test_workers_of_a_cluster_begin_as_those_of_this_machine(scheduler: str) -> None:
+    with open_workers(dask=scheduler) as workers:
+        assert all(workers.map(has_begun, range(4)))
 
 
 def end_itself(task: int) -> int:

@@ -34,6 +34,15 @@ with event.install_listener("numba:compile", Listener()):
     for command in json.loads(sys.argv[1]):
         print("RUNS", *command, file=sys.stderr)
         assert main(command) == 0, command
+    from touchline.evaluation.runner import robot_setup
+    from touchline.sources import open_source
+    from touchline.systems import open_system
+    print("RUNS where a head should look, and what comes late", file=sys.stderr)
+    source = open_source(sys.argv[2])
+    system = open_system("touchline", robot_setup(source))
+    for frame in source:
+        system.delay.take(0.1, 0.01)
+        look = system.step(frame).look
 """
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 
@@ -48,16 +57,22 @@ def test_after_compile_nothing_is_left_to_compile(tmp_path: Path, small_data: Pa
         [*RUN, "simulate", "match", "--level", "points", "--seconds", "3", "-o", str(points)], capture_output=True
     )
     assert simulated.returncode == 0
+    carried, paper = small_data / "omni_msl_kidnap", ("--preset", "paper")
     runs = [(name, EXAMPLE if "omni" in info.cameras else walk) for name, info in SYSTEMS.items()]
-    runs += [("touchline", walk), ("touchline", points), ("nubot-mti", points)]
+    runs += [("touchline", walk), ("touchline", points), ("nubot-mti", points), ("touchline", carried)]
+    runs += [("iris-fusion", carried), ("touchline", small_data / "omni_9x6_points")]
     commands = [["check", str(EXAMPLE)], ["check", str(walk)], ["bench", str(EXAMPLE)]]
     commands += [["locate", str(image), "--camera", str(EXAMPLE / "camera.yaml"), "--field", "msl-18x12"]]
     for number, (system, recording) in enumerate(runs):
         commands += [["run", str(recording), "--system", system, "-o", str(tmp_path / str(number))]]
-    ran = subprocess.run([sys.executable, "-c", WATCHED, json.dumps(commands)], capture_output=True, text=True)
+    commands += [["run", str(EXAMPLE), "--system", "nubot-mti", *paper, "-o", str(tmp_path / "paper")]]
+    ran = subprocess.run(
+        [sys.executable, "-c", WATCHED, json.dumps(commands), str(EXAMPLE)], capture_output=True, text=True
+    )
     assert ran.returncode == 0, ran.stderr
     told = [line for line in ran.stderr.splitlines() if line.startswith(("RUNS", "COMPILED"))]
-    assert len(told) == len(commands), told
+    assert [line for line in told if line.startswith("COMPILED")] == []
+    assert len(told) == len(commands) + 1
 
 
 def test_a_first_start_says_once_what_it_waits_for() -> None:

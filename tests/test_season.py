@@ -366,6 +366,20 @@ def test_wrong_calls(season: Path, more: list[str], wrong: str, capsys: pytest.C
     assert wrong in capsys.readouterr().err
 
 
+def test_one_recording_has_no_report_if_none_is_wanted_and_no_workers(
+    season: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = ["run", str(season / "games" / NAMES[1]), "--system", "nubot-mti", "--output", str(tmp_path / "out")]
+    for more in (["--workers", "2"], ["--dask", "tcp://127.0.0.1:1"]):
+        assert main([*one, *more]) == 2
+        assert "are for many recordings" in capsys.readouterr().err
+    assert main([*one, "--report", "some"]) == 2
+    assert "--report some: of one recording expected all or none" in capsys.readouterr().err
+    assert main([*one, "--report", "none"]) == 0
+    assert f"results: {tmp_path / 'out'}" in capsys.readouterr().out
+    assert not (tmp_path / "out" / "report.html").exists()
+
+
 def test_tables_of_columns(season: Path, tmp_path: Path) -> None:
     assert run_many(season, tmp_path / "out", "--set", "line_points.circles=20") == 1
     runs = pyarrow.parquet.read_table(tmp_path / "out" / "runs.parquet").to_pylist()

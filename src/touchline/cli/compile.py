@@ -43,9 +43,10 @@ def compile_loops(
     for name, info in SYSTEMS.items():
         examples = [("omni", _run_example), ("pinhole", _walk_example)]
         wanted = [example for model, example in examples if model in info.cameras]
+        wanted += [_carried_example] if "omni" in info.cameras else []
         steps += [(name, partial(_each, wanted, name))]
     steps += [
-        ("odometry that fails, a body that sways", _fault_example),
+        ("odometry that fails, a body that sways, late images, the papers' form", _fault_example),
         ("locate", _locate_example),
         ("check", _check_example),
     ]
@@ -121,8 +122,27 @@ def _run_example(system: str) -> None:
         robot.localize(k * 100_000_000 + 1, points=_view())
 
 
+def _carried_example(system: str) -> None:
+    """The bundled recording, whose robot is carried elsewhere and then shown half of what is there; where to look."""
+    import numpy as np
+
+    from touchline.api import prepare
+    from touchline.cli.run import example_recording
+    from touchline.types import Observation, points_at
+
+    stepped, view = prepare(example_recording(), system), _view()
+    frames = [*stepped.source][:16]
+    some = np.where((np.arange(len(view)) % 2 == 0)[:, np.newaxis], view, view[:, ::-1])  # every other one on no line
+    for k, frame in enumerate(frames):
+        seen = None if k < 8 else Observation(frame.stamp_ns, points_at(view if k < 12 else some))
+        estimate = stepped.system.step(replace(frame, observation=seen))
+        _ = estimate.look
+
+
 def _walk_example(system: str) -> None:
-    """A humanoid that walks towards a coloured goal, and what its detector finds in drawn images; then a white goal."""
+    """A humanoid that walks towards a coloured goal, and what its detector finds in drawn images; then a white goal, in
+    a hall where colours do not tell paint.
+    """
     import numpy as np
 
     from touchline.camera import PinholeCamera
@@ -145,7 +165,11 @@ def _walk_example(system: str) -> None:
         robot.localize(stamp_ns, observation=replace(seen, points=empty_points()))
     white = open_field("humanoid-kid-9x6")
     image = drawn_image(white, camera, Pose(1.5, 0.3, 0.0))
-    LineGraphDetector(camera, LineGraphSettings(), white).observe(Frame(0, image=image))
+    detector = LineGraphDetector(camera, LineGraphSettings(), white)
+    for stamp_ns in range(2):
+        detector.observe(Frame(stamp_ns, image=image))
+        assert detector.classes is not None
+        detector.colours.classes = detector.classes._replace(least_contrast=0.2)
 
 
 def drawn_image(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:
@@ -177,13 +201,18 @@ def drawn_image(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageAr
 
 
 def _fault_example() -> None:
-    """What is asked where images and odometry tell other motions, which stands still here, and where a robot sways."""
+    """What is asked where images and odometry tell other motions, which stands still here, where a robot sways, where
+    images are stamped late, and of a mirror in the papers' exact form.
+    """
     import numpy as np
 
+    from touchline.cli.run import example_recording
     from touchline.localization.estimator.motion_relation import MotionRelation
     from touchline.localization.estimator.sway_delay import SwayDelay
     from touchline.localization.estimator.visual_motion import Sighting
     from touchline.motion import LeanFilter, MotionHistory
+    from touchline.motion.delayed import until_stamp
+    from touchline.sources import open_source
     from touchline.types import Frame, Samples
 
     history, relation = MotionHistory(), MotionRelation()
@@ -193,6 +222,10 @@ def _fault_example() -> None:
         seen = Sighting(stamp_ns, np.array([0.2 * k, 0.0, 0.0]), 1e-6 * np.eye(3), 1.0, 0.0, begun=k == 0)
         relation.update(seen, history, 0.0, jumped=False)
     SwayDelay().update(np.zeros(2), LeanFilter(), 0, 0.0)
+    until_stamp(history, stamp_ns, 0.1)
+    camera = open_source(example_recording()).camera
+    assert camera is not None
+    camera.ground_from_image([(300.0, 240.0)])
 
 
 def _locate_example() -> None:

@@ -89,7 +89,9 @@ def run(
     from_zero: FromZero = False,
     view: ShowIn = None,
     rrd: KeepIn = None,
-    report: Annotated[str, typer.Option(metavar="all|failed|none", help="Of many: which runs get a report.")] = "all",
+    report: Annotated[
+        str, typer.Option(metavar="all|failed|none", help="Which runs get a report (failed: of many).")
+    ] = "all",
     workers: Annotated[
         int | None,
         typer.Option("--workers", min=1, metavar="N", help="Of many: so many processes (default: all cores)."),
@@ -118,6 +120,10 @@ def run(
         name = system or DEFAULT_SYSTEM
         command = Command(name, file, given, preset, own_half, seed, follow_links, bag.to_dict(), report)
         return run_all(recordings, output, command, workers, dask)
+    if workers is not None or dask is not None:
+        raise InputError("--workers and --dask are for many recordings")
+    if report not in ("all", "none"):
+        raise InputError(f"--report {report}: of one recording expected all or none")
     recording = Path(recordings[0])
     from touchline.api import prepare
     from touchline.sources import open_source
@@ -130,7 +136,8 @@ def run(
     source = open_source(recording, follow_links, bag)
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     with shown_in(view, rrd) as screen:
-        execute(prepared, None if output is None else Path(output), on_frame=on_screen(screen, prepared))
+        folder = None if output is None else Path(output)
+        execute(prepared, folder, on_frame=on_screen(screen, prepared), with_report=report == "all")
 
 
 def on_screen(screen: Screen | None, prepared: PreparedRun) -> Sequence[OnFrame]:
@@ -189,7 +196,11 @@ def parse_pose(text: str) -> Pose:
 
 
 def execute(
-    prepared: PreparedRun, output: Path | None, name: str | None = None, on_frame: Sequence[OnFrame] = ()
+    prepared: PreparedRun,
+    output: Path | None,
+    name: str | None = None,
+    on_frame: Sequence[OnFrame] = (),
+    with_report: bool = True,
 ) -> None:
     """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished.
 
@@ -200,7 +211,8 @@ def execute(
     warn_of(prepared)
     folder = new_folder(output, name or prepared.source.name)
     with frame_progress(prepared.source) as (advance, stop):
-        finished, failure = prepared.execute(folder, on_frame=[advance, *on_frame], stop=stop)
+        wanted = (lambda summary: True) if with_report else None
+        finished, failure = prepared.execute(folder, on_frame=[advance, *on_frame], stop=stop, report=wanted)
     print_run(finished, prepared.source.field)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
@@ -275,7 +287,7 @@ def print_run(finished: Run, field: FieldModel) -> None:
         kinds = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
         doubts.append(f"problems of the recording: {kinds} (touchline check lists them)")
     say(*doubts, style="yellow")
-    say(f"report: {finished.report}")
+    say(f"report: {finished.report}" if finished.report.is_file() else f"results: {finished.folder}")
 
 
 def _run_data(finished: Run, field: FieldModel) -> RunData:

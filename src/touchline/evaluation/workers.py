@@ -63,7 +63,7 @@ class _Pool:
 
     def _open(self) -> None:
         self._executor = ProcessPoolExecutor(
-            self._count, mp_context=self._context, initializer=_begin_pool_worker, initargs=(self._compiling.set,)
+            self._count, mp_context=self._context, initializer=_begin_worker, initargs=(self._compiling.set,)
         )
 
     def _pass_on(self) -> None:
@@ -120,7 +120,14 @@ class _Pool:
                 rounds += [left[suspects:], left[half:suspects], left[:half]]
 
 
-def _begin_pool_worker(on_compiling: Callable[[], None]) -> None:
+def _prepare_loops() -> None:
+    leave_out_c_wrappers()
+    take_packed_loops()
+    load_loops_lean()
+
+
+def _begin_worker(on_compiling: Callable[[], None]) -> None:
+    """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
     from numba.core import event
 
     class Listener(event.Listener):
@@ -129,17 +136,15 @@ def _begin_pool_worker(on_compiling: Callable[[], None]) -> None:
 
         def on_end(self, event: Any) -> None: ...
 
+    _prepare_loops()
     event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
-    _begin_worker()
-
-
-def _begin_worker() -> None:
-    """A Ctrl-C is for the process that hands out the tasks; if that is killed, nobody waits for this one."""
-    leave_out_c_wrappers()
-    take_packed_loops()
-    load_loops_lean()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _begin_cluster_worker() -> None:
+    os.environ.setdefault("NUMBA_OPT", "1")  # as the commands do; Dask itself keeps BLAS to one thread
+    _prepare_loops()
 
 
 def _end_with_parent() -> None:
@@ -207,6 +212,8 @@ def _client(address: str) -> Any:
     except ImportError:
         raise InputError("--dask needs Dask, which is not installed: pip install 'touchline[tune]'") from None
     try:
-        return Client(address, timeout=5.0, set_as_default=False)
+        client = Client(address, timeout=5.0, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--dask {address}: no scheduler answers there ({error}); expected tcp://HOST:PORT") from None
+    client.register_worker_callbacks(_begin_cluster_worker)
+    return client

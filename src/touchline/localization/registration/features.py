@@ -142,9 +142,9 @@ class Features:
     def _points(self, crossings: Crossings, landmarks: Landmarks, positions: FloatArray) -> PointFeatures:
         kept, found = self._associations(crossings, landmarks)
         # of one layout, so that the loops are compiled once
-        covariances = _joined(crossings.covariances_m2, landmarks.covariances_m2)
-        confidences = _joined(crossings.confidences, landmarks.confidences)
-        orientations = _joined(crossings.orientations_rad, np.zeros(len(landmarks)))
+        covariances = np.ascontiguousarray(np.concatenate((crossings.covariances_m2, landmarks.covariances_m2)))
+        confidences = np.concatenate((crossings.confidences, landmarks.confidences))
+        orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))
         if len(kept) < len(positions):
             positions, covariances, confidences, orientations = (
                 rows[kept] for rows in (positions, covariances, confidences, orientations)
@@ -198,14 +198,7 @@ class Features:
 
 def _positions(seen: Observation) -> FloatArray:
     """(M, 2) of crossings and landmarks, in C order."""
-    return _joined(seen.crossings.positions_m, seen.landmarks.positions_m)
-
-
-def _joined(of_crossings: FloatArray, of_landmarks: FloatArray) -> FloatArray:
-    """The rows of both, float64 in C order; those of one alone are not copied."""
-    if not len(of_crossings) or not len(of_landmarks):
-        return np.ascontiguousarray(of_crossings if len(of_crossings) else of_landmarks, dtype=np.float64)
-    return np.concatenate((of_crossings, of_landmarks))
+    return np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
 
 
 def lean_jacobians(points: FloatArray, height_m: float) -> FloatArray:
