@@ -84,7 +84,11 @@ def test_the_module_can_be_run() -> None:
 
 @pytest.mark.parametrize(
     ("variable", "shown"),
-    [("OPENBLAS_NUM_THREADS", "os.environ['OPENBLAS_NUM_THREADS']"), ("NUMBA_OPT", "int(numba.config.OPT)")],
+    [
+        ("OPENBLAS_NUM_THREADS", "os.environ['OPENBLAS_NUM_THREADS']"),
+        ("OPENCV_FOR_THREADS_NUM", "__import__('cv2').getNumThreads()"),
+        ("NUMBA_OPT", "int(numba.config.OPT)"),
+    ],
 )
 def test_one_thread_and_a_quick_compiler_unless_told_otherwise(variable: str, shown: str) -> None:
     code = f"import os\nfrom touchline.cli import main\nmain(['--version'])\nimport numba\nprint({shown})"

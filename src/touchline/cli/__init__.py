@@ -25,8 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         gc.set_threshold(100_000)  # what imports make stays, and looking through it takes 0.1 s on the way
         atexit.register(gc.freeze)  # and as long at the end
     os.environ["MPLBACKEND"] = "agg"  # figures are written, not shown; Matplotlib refuses names that it does not know
-    for library in ("OPENBLAS", "MKL"):  # matrices are small: more threads would wait for each other
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    # matrices and images are small: more threads would wait for each other
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        os.environ.setdefault(variable, "1")
     os.environ.setdefault("NUMBA_OPT", "1")  # compiled a tenth sooner than at 3, as fast, the same bits
     with _interruptions() as interrupted:
         try:
