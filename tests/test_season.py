@@ -197,6 +197,9 @@ def test_addresses_with_the_same_end_have_a_journal_each(
             assert (tmp_path / name / "results" / NAMES[1] / "summary.json").is_file()
             shutil.rmtree(tmp_path / name / "results" / NAMES[1])  # is missed, and done again
     assert len(list((tmp_path / "runs").iterdir())) == 2
+    given[1] = str(season / "games" / "broken")
+    assert main([*given, "--output", f"file://{tmp_path}/three/results"]) == 1
+    assert list(rows_of(tmp_path / "three" / "results")) == ["broken"]
 
 
 def test_what_stands_at_an_address_is_replaced(tmp_path: Path) -> None:

@@ -164,6 +164,7 @@ def keep(folder: Path, address: str) -> None:
     try:
         if folder.is_dir() and system.exists(path):
             system.rm(path, recursive=True)
+        system.makedirs(path.rpartition("/")[0], exist_ok=True)
         system.put(str(folder), path, recursive=True)
     except Exception as error:  # each store has its own
         raise TouchlineError(f"{address}: cannot be written ({type(error).__name__}: {error})") from None
