@@ -69,9 +69,17 @@ def test_recordings_come_from_a_store_and_results_go_there(
     monkeypatch.chdir(tmp_path)
     for name in NAMES:
         store.put(str(games / name), f"cup/{name}", recursive=True)
-    assert main(["run", *(f"s3://cup/{name}" for name in NAMES), "--output", "s3://cup/results", "--workers", "1",
-                 "--system", "nubot-mti", "--report", "none"]) == 0  # fmt: skip
+    command = ["run", *(f"s3://cup/{name}" for name in NAMES), "--output", "s3://cup/results", "--workers", "1",
+               "--system", "nubot-mti", "--report", "none"]  # fmt: skip
+    assert main(command) == 0
     for name in NAMES:
+        assert store.cat(f"cup/results/{name}/trajectory.tum").decode() == alone[name]
+    store.rm(f"cup/results/{NAMES[0]}", recursive=True)  # is missed
+    store.pipe(f"cup/{NAMES[1]}/notes.txt", b"another file")  # is done again, in place of what is there
+    assert main(command) == 0
+    for name in NAMES:
+        files = {file.rsplit("/", 1)[-1] for file in store.ls(f"cup/results/{name}", detail=False, refresh=True)}
+        assert files == {"summary.json", "estimates.csv", "estimates.parquet", "trajectory.tum"}
         assert store.cat(f"cup/results/{name}/trajectory.tum").decode() == alone[name]
     assert "omni_msl_sun" in store.cat("cup/results/runs.csv").decode()
 

@@ -31,8 +31,8 @@ def is_season(given: Sequence[str], output: str | None = None) -> bool:
 
 def find_recordings(given: Sequence[str]) -> list[str]:
     """The recordings that are meant, in order, each once: a recording itself; all that a folder holds, at any depth;
-    those that a text file lists, a line each; an address as it is. Paths are whole ones, which a cluster's workers
-    find, too, and of which another folder's are told apart.
+    those that a text file lists, a line each; an address as it is. Paths are whole ones: a cluster's workers find
+    them, too, and a journal tells another folder's recordings apart.
 
     Raises InputError for what is not there, and for a folder or list without recordings.
     """

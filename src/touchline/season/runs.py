@@ -264,7 +264,9 @@ def _alone_in(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(f"{folder}: another touchline run is at work here; choose another folder") from None
+            raise InputError(
+                f"{folder}: another touchline run is at work here; wait, or choose another folder"
+            ) from None
         except OSError:  # a file system without locks
             pass
         yield
