@@ -109,7 +109,7 @@ def run(
     bag = bag_options(topics, field, camera, base, late, from_zero)
     if is_season(recordings, output):
         if start is not None or view is not None or rrd is not None:
-            raise InputError("--start, --view and --rrd are for one recording")
+            raise InputError("--start, --view and --rrd are for one recording on this machine")
         if output is None:
             raise InputError("--output is missing: the folder for the runs of many recordings")
         from touchline.cli.season import run_all
