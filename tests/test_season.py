@@ -133,7 +133,8 @@ def test_only_the_same_command_goes_on(season: Path, tmp_path: Path, capsys: pyt
     assert "exists already" in capsys.readouterr().err
     (tmp_path / "out").mkdir()
     head = {"command": Command("nubot-mti", report="failed", bag=BagOptions().to_dict()).to_dict()}
-    (tmp_path / "out" / JOURNAL).write_text(json.dumps(head) + "\n")
+    row = {"run": "final", "recording": "final", "inputs": "", "failure": ""}
+    (tmp_path / "out" / JOURNAL).write_text(f"{json.dumps(head)}\n{json.dumps(row)}\n")
     assert run_many(season, tmp_path / "out", "--seed", "7") == 2
     assert "is of another command (other --seed)" in capsys.readouterr().err
     (tmp_path / "out" / JOURNAL).write_text("[]\n")
@@ -290,6 +291,15 @@ def test_what_is_told_before_a_run_stands_in_its_row(season: Path, tmp_path: Pat
         (row,) = localize_all([str(game)], str(tmp_path / "out"), COMMAND, here)
     assert "millimetres" in row["notices"]
     assert "millimetres" in line_of(row)
+
+
+def test_where_all_has_failed_another_command_begins(season: Path, tmp_path: Path) -> None:
+    game, out = str(season / "games" / NAMES[1]), str(tmp_path / "out")
+    localize_all([game], out, Command("nubot-mti", bag=BagOptions(camera=Path("nosuch.yaml")).to_dict()), Noting("no"))
+    localize_all([game], out, COMMAND, Noting())
+    assert not rows_of(tmp_path / "out")[NAMES[1]]["failure"]
+    with pytest.raises(InputError, match="other --seed"):
+        localize_all([game], out, Command("nubot-mti", seed=3), Noting())
 
 
 def test_a_line_says_what_a_single_run_does() -> None:

@@ -227,7 +227,7 @@ class _Journal:
 
     @staticmethod
     def _read(path: Path, head: dict[str, Any]) -> dict[str, Row]:
-        """The rows of what is done, by their runs. Raises InputError for a journal of another command."""
+        """The rows of what is done, by their runs. Raises InputError for a journal of another command that did any."""
         lines = read_text(path, _MAX_BYTES).split("\n")
         try:
             known = dict(json.loads(lines[0])["command"])
@@ -235,13 +235,13 @@ class _Journal:
             done = {str(row["run"]): row for row in rows if {"recording", "inputs", "failure"} <= row.keys()}
         except (ValueError, KeyError, TypeError, AttributeError):
             raise InputError(f"{path}: is no journal of touchline run; choose another folder") from None
-        if known != head:
+        if known != head and not all(row["failure"] for row in done.values()):
             other = [key for key in {**known, **head} if known.get(key) != head.get(key)]
             words = [
                 f"{key} {known.get(key)}, here {head[key]}" if key in _PACKAGES else f"other {key}" for key in other
             ]
             raise InputError(f"{path}: is of another command ({'; '.join(words)}); choose another folder")
-        replace_file(path, "\n".join([*lines[:-1], ""]).encode())
+        replace_file(path, "\n".join([json.dumps({"command": head}), *lines[1:-1], ""]).encode())
         return done
 
     def append(self, row: Row) -> None:
