@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -498,3 +502,28 @@ def test_an_image_without_carpet_takes_no_other_with_it() -> None:
             first.take(np.full((1, 1, 3), number, dtype=np.uint8), learn)
         first.watch(0.1 if number == 9 else 0.5)
     assert learned == [1, 2, 3]
+
+
+DETECTED = """
+import sys
+from touchline.perception import LinePointDetector
+from touchline.sources import open_source
+source = open_source(sys.argv[1])
+images = [frame.image for frame in source][:4]
+detector = LinePointDetector(source.camera)
+detector.learn(images)
+print([detector.detect(image).positions_m.tobytes().hex() for image in images])
+"""
+
+
+def test_memory_that_was_given_back_is_not_read(small_data: Path) -> None:
+    """Where the C library writes over it, the same points are found."""
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", DETECTED, str(small_data / "omni_msl_track")],
+            env={**os.environ, **more}, capture_output=True, text=True, check=True,
+        ).stdout
+        for more in ({}, {"MALLOC_PERTURB_": "165"})
+    ]  # fmt: skip
+    assert len(found[0]) > 1000
+    assert found[0] == found[1]

@@ -28,6 +28,12 @@ _MIN_EXCESS = 0.01  # of G over the mean of B and R, as a share of their sum: a 
 _SAMPLES, _NOISE_SAMPLES = 50_000, 20_000  # pixels are plenty for statistics: of all images together, of one
 
 
+NO_CARPET = (
+    "no green carpet found around the robot: is the camera covered, or is camera.yaml wrong (center and "
+    "inner_radius_px of a mirror, mount of a perspective camera)?"
+)
+
+
 class NoCarpetError(TouchlineError):
     """No greenish colour is frequent where carpet is expected."""
 
@@ -104,6 +110,8 @@ def learn_carpet(images: Sequence[ImageArray], near: BoolArray, around: BoolArra
     coarse: list[ImageArray] = [cv2.GaussianBlur(image, (0, 0), 2.5).astype(np.uint8) for image in images]
     center = _most_frequent_green(_pixels(coarse, near))
     carpet = _pixels(images, around)[_members(_pixels(coarse, around), center)]
+    if len(carpet) < 2:
+        raise NoCarpetError(NO_CARPET)
     shares = chromaticity(carpet)
     spread = _covariance(shares) + np.eye(2) * 0.004**2
     return Carpet(carpet, np.median(carpet, axis=0), shares.mean(axis=0), spread, noise)
@@ -143,10 +151,7 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
         if greenish.sum() >= 0.05 * max(len(pixels), 1):
             break
     else:
-        raise NoCarpetError(
-            "no green carpet found around the robot: is the camera covered, or is camera.yaml wrong (center and "
-            "inner_radius_px of a mirror, mount of a perspective camera)?"
-        )
+        raise NoCarpetError(NO_CARPET)
     blue, red = chromaticity(pixels[greenish]).T
     histogram, edges, _ = np.histogram2d(blue, red, bins=_CELLS, range=[[0.0, 0.6], [0.0, 0.6]])
     smooth = _box_blur(histogram)

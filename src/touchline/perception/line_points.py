@@ -212,8 +212,9 @@ class LinePointDetector:
 
     def fetch(self, image: ImageArray) -> None:
         """Have an image (H, W, 3) of this camera in the processor's caches, where `follow` and `detect` read it in no
-        order: nothing else changes.
+        order: nothing else changes. Raises InputError for one of another size.
         """
+        check_size(image, self.camera)
         fetch(image, self.scan_lines)
 
     def follow(self, image: ImageArray) -> None:

@@ -18,7 +18,7 @@ from touchline.perception.path_samples import BODY, LEVEL
 FLANK = 4  # samples of the green wanted on both sides of a line: averages noise, fits between two lines
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
 BLOCK = 16  # samples that are looked at together by SIMD instructions
-FALLS = 2, 3, 5, 7, 10, 14, 19, 26, 35  # samples from a peak at which its level is tried, ever farther apart
+FALLS = 2, 3, 5, 7, 10, 14, 19, 26, 35  # samples from a peak, below `max_run`, at which its level is tried
 GREEN_FLANK, BARE_FLANK = np.uint8(16), np.uint8(32)  # three quarters of its samples are green; none is, nor the robot
 COLUMNS = 8  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path, px beside floor
 ROW_M, ROW_ASIDE_M, ROW_POINTS = 1.5, 0.05, 4  # points beside a floor count where so many more lie on a line with them
@@ -464,13 +464,22 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     path (N, 2), starts, closed: ScanLines. samples: PathSamples. paint: green and white (3,), learned. limits:
     ProfileLimits. camera: constants, bearings, ranges of the OmniCamera's look-up.
     """
-    values, classes, count = uncounted(samples.values), uncounted(samples.classes), FLANK
+    found = _found(starts, closed, samples, _flanks_of(samples.classes), paint, limits, out)
+    found = keep(out, _place(path, out[:found], limits, camera))
+    return keep(out, on_one_line(out[:found], ROW_M, ROW_ASIDE_M, ROW_POINTS)) if limits.dark_floor else found
+
+
+@njit(cache=True, error_model="numpy")
+def _found(starts, closed, samples, flanks, paint, limits, out):  # type: ignore[no-untyped-def]
+    """The profiles, their edges as samples, into columns 2 to 7 of out (M, COLUMNS); returns how many. flanks (N,): as
+    of `_flanks_of`, an argument, so that it outlives all that is not counted here.
+    """
+    values, classes, flanks, count = uncounted(samples.values), uncounted(samples.classes), uncounted(flanks), FLANK
     green, white = paint
     toward = white - green
     means, edges = np.zeros((2, 3)), np.zeros(2)
     levels, fall = values[LEVEL], np.float32(0.5 * limits.min_contrast)
-    owned, peaks = _flanks_of(classes), np.empty(len(classes) + 8, np.int32)
-    flanks, found, p, passed = uncounted(owned), 0, 0, 0
+    peaks, found, p, passed = np.empty(len(classes) + 8, np.int32), 0, 0, 0
     for i in range(_peaks(levels, fall, peaks)):
         peak = np.int64(peaks[i])
         while peak >= starts[p + 1]:
@@ -497,5 +506,4 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
         out[found, 2], out[found, 3], out[found, 4] = edges[0], edges[1], height / brightness
         out[found, 6], out[found, 7] = p, edges[1] - edges[0] if floor else 0.0
         found += 1
-    found = keep(out, _place(path, out[:found], limits, camera))
-    return keep(out, on_one_line(out[:found], ROW_M, ROW_ASIDE_M, ROW_POINTS)) if limits.dark_floor else found
+    return found

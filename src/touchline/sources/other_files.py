@@ -38,7 +38,10 @@ def refuse_other_files(path: Path) -> None:
     if not path.exists() or (path / SEQUENCE).exists():
         return
     if path.is_dir():
-        names = sorted(each.name for each in path.iterdir())
+        try:
+            names = sorted(each.name for each in path.iterdir())
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror})") from None
         if not names:
             raise InputError(f"{path}: is an empty folder; expected a recording ({_GUIDE})")
         for name in names:

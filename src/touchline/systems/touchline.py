@@ -87,9 +87,9 @@ class TouchlineSettings(StartSettings):
     search_ms: float | None = Field(
         None,
         gt=0,
-        description="milliseconds that a search of the whole field in doubt may take of an image, a fifth of it at "
-        "least; the next images continue it, and until it is done no pose is tracked that was not before; by default "
-        "it is done at once, so that a recording always gives the same numbers",
+        description="milliseconds that a search of the whole field in doubt may take of an image, in which at least a "
+        "fifth of the field is searched; the next images go on with it, longer in all, and until it is done no pose is "
+        "tracked that was not; by default it is done at once, so that a recording always gives the same numbers",
     )
     compass: bool | None = Field(
         None,

@@ -15,7 +15,7 @@ from touchline.localization.search.field_search import WHOLE, FieldSearch, Searc
 from touchline.localization.search.pose_search import Known, Mode, Wanted
 
 PARTS = 5  # of the headings: a fifth of them, in a third of the images, delays none by a whole search
-# so many while a sector's pose is watched: each of them proposes all poses anew, and two of three images more are free
+# so many while a sector's pose is watched: each proposes all poses anew, and two more of fifteen images are free
 SECTOR_PARTS = 3
 HOPELESS = 40.0  # logarithm of odds, of line points or of all, against the pose that is followed: none is tried beyond
 NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
@@ -29,8 +29,8 @@ class Ends(NamedTuple):
 
 
 class FieldWatch:
-    """Searches the whole field in doubt, and part after part of it now and then. `left`: parts that no image has had
-    time for since a doubt began; `finds_first`: whether it began without a pose, and parts were left before this image.
+    """Searches the whole field in doubt, and part after part of it now and then. `left`: parts of a search in
+    doubt that no image has had time for; `finds_first`: whether it began without a pose and goes on in this image.
     """
 
     def __init__(self, search: FieldSearch, every: int, budget_ms: float | None = None) -> None:
@@ -50,7 +50,7 @@ class FieldWatch:
         """Which of so many parts is searched in this image, within a budget the first of them; None: nothing. follows:
         whether there is a pose.
         """
-        begins, self._in_doubt = in_doubt and not self._in_doubt, in_doubt
+        begins, self._in_doubt = in_doubt and not self.left, in_doubt
         if in_doubt and self.budget_ms is None:
             self._due = 0
             return WHOLE
@@ -86,7 +86,7 @@ class FieldWatch:
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        wanted, watches = None, part != WHOLE and not (self._in_doubt or self.left)
+        wanted, watches = None, not (self._in_doubt or self.left)
         if watches and best is not None and best.fit is not None:
             of_points = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
             of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
