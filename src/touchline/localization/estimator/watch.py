@@ -86,7 +86,7 @@ class FieldWatch:
         seen = evenly_counted(image.seen)
         upright = placed_points(seen.positions_m, knowing.errors, image.response)
         expected = knowing.prior(bank.statistics.per_image)
-        wanted, watches = None, not (self._in_doubt or self.left)
+        wanted, watches = None, part != WHOLE and not (self._in_doubt or self.left)
         if watches and best is not None and best.fit is not None:
             of_points = best.fit.log_likelihood / POINT_SHARE - HOPELESS if trust.free_fit else -math.inf
             of_all = -math.inf if seen.crude else best.fit.log_likelihood - HOPELESS
