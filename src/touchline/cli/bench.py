@@ -213,17 +213,17 @@ def recordings(
     """
     from touchline.evaluation.workers import ENDED, open_workers
     from touchline.season import find_recordings
-    from touchline.season.bench import BenchRow, Task, row_of
+    from touchline.season.bench import BenchRow, BenchTask, bench_row
     from touchline.season.recordings import folder_names
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
     _check_one(system, program)
     name = system_info(system or DEFAULT_SYSTEM).name
     found = find_recordings(given)
-    tasks = [Task(*each) for each in zip(folder_names(found), found, strict=True)]
+    tasks = [BenchTask(*each) for each in zip(folder_names(found), found, strict=True)]
     done: dict[str, BenchRow] = {}
     with steps_shown("recordings", len(tasks), compiles=True) as advance, open_workers(workers, dask) as hands:
-        bench = partial(row_of, system=name, program=program)
+        bench = partial(bench_row, system=name, program=program)
         for row in hands.unordered(bench, tasks, lambda task: BenchRow(task.name, None, ENDED)):
             done[row.name] = row
             advance()

@@ -40,7 +40,7 @@ class RecordingScore:
     problems: str
 
 
-class Task(NamedTuple):
+class BenchTask(NamedTuple):
     """A recording, and the name of its row."""
 
     name: str
@@ -85,7 +85,7 @@ def opened(source: Recording, system: str, program: str | None) -> Iterator[Step
         yield ask
 
 
-def row_of(task: Task, system: str, program: str | None = None) -> BenchRow:
+def bench_row(task: BenchTask, system: str, program: str | None = None) -> BenchRow:
     """Run a system, or a program, over a recording; what goes wrong is its row's failure, the others go on."""
     try:
         with at_hand(task.recording) as path:

@@ -21,10 +21,8 @@ MAX_GAP_S = 0.3  # between images that show something, over which a velocity hol
 MAX_SPARSE_S = 3.0  # between images all round, over which they are still steps of one chain
 MIN_EXPLAINED = 0.8  # share of an image from which no other start is tried
 MAX_STEP_M, MAX_STEP_RAD = 0.02, 0.01  # from a fit to the pose by its image alone, which one step finds
-NEAR_M, NEAR_RAD = (
-    0.15,
-    0.1,
-)  # of where the image before and its velocity put it, from where registration finds the same
+# of where the image before and its velocity put the robot, from where a registration comes to the same
+NEAR_M, NEAR_RAD = 0.15, 0.1
 FAR_M, FAR_RAD = 0.6, 0.6  # between two images no robot moves so
 LOST = 5.0  # log-likelihood by which another start is better, from which the chain of images begins anew there
 BLURRED_M = 0.04  # standard deviation of a pose from which a sector shows little

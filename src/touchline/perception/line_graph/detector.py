@@ -47,7 +47,8 @@ from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure, find_structure, sides
 from touchline.types import Frame, ImageArray, Landmarks, LinePoints, Observation
 
-_NEAR_M, _EVERY = 3.0, 4  # ground up to here is expected to be mostly carpet; pixels that tell a quarter of it
+_NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
+_EVERY = 4  # pixels, both ways, between those whose ranges tell where the nearest quarter of what is seen ends
 _GREENISH = 0.35  # of the carpet's own excess of green: what is beside paint is paler
 _LOOSEST, _TIGHTEST = 1.7, 0.4  # how wide a line may look, against what is expected
 

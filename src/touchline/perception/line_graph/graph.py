@@ -232,7 +232,7 @@ def _turn(graph: Graph, before: int, node: int, after_x: float, after_y: float) 
 
 @njit(cache=True)
 def _goes_on(graph: Graph, before: int, node: int, after_x: float, after_y: float) -> bool:
-    """Whether that angle is small: a line may turn so."""
+    """Whether the way from the node before turns so little at a node that a line may go on along (after_x, after_y)."""
     x, y = graph.places[node, 0] - graph.places[before, 0], graph.places[node, 1] - graph.places[before, 1]
     along = x * after_x + y * after_y
     return bool(along >= 0.0 and abs(x * after_y - y * after_x) <= _TAN_TURN * along)
