@@ -133,9 +133,9 @@ pages: loops
 	  touchline nubot-mti nubot-mcl iris-fusion nimbro-lines nubot-mti:paper nubot-mcl:paper iris-fusion:paper \
 	  nimbro-lines:paper, --system $(system))
 	$(BIN)/touchline bench export touchline-bench-1 $(BENCH)/inputs
-	$(BIN)/python benchmarks/baselines/amcl.py $(BENCH)/inputs $(BENCH)/amcl
-	$(BIN)/python benchmarks/baselines/marker_search.py $(BENCH)/inputs $(BENCH)/marker-search
-	$(CXX) -O2 -std=c++17 -o $(BENCH)/odometry_alone benchmarks/baselines/odometry_alone.cpp
+	$(BIN)/python lab/benchmarks/baselines/amcl.py $(BENCH)/inputs $(BENCH)/amcl
+	$(BIN)/python lab/benchmarks/baselines/marker_search.py $(BENCH)/inputs $(BENCH)/marker-search
+	$(CXX) -O2 -std=c++17 -o $(BENCH)/odometry_alone lab/benchmarks/baselines/odometry_alone.cpp
 	mkdir -p $(BENCH)/odometry-alone
 	for drive in $(BENCH)/inputs/*/; do \
 	  $(BENCH)/odometry_alone $$drive > $(BENCH)/odometry-alone/$$(basename $$drive).tum || exit; done

@@ -16,9 +16,9 @@ import numpy as np
 
 from touchline import Localizer
 from touchline.geometry import Pose
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.types import Estimate, Status
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 FIELD, NAMES, BALL = "msl-18x12", ("keeper", "left", "right"), (1.5, 0.5)
 SAID_EVERY = 2  # images

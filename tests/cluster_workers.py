@@ -15,9 +15,9 @@ from distributed import LocalCluster
 from touchline.cli import main
 from touchline.compiling import load_loops_lean
 from touchline.evaluation.workers import Here, Workers, open_workers
-from touchline.experiments.harness import computed, progress_to
-from touchline.experiments.nees import CONDITIONS, Honesty, honesty
 from touchline.packed_loops import take_packed_loops
+from touchline_lab.experiments.harness import computed, progress_to
+from touchline_lab.experiments.nees import CONDITIONS, Honesty, honesty
 
 ROOT = Path(__file__).parents[1]
 SEARCH = ("--system", "nubot-mti", "--search", "matching.c_m=0.05:0.6:log", "--search", "matching.iterations=2:30")

@@ -11,7 +11,6 @@ from fakes import CAMERA_YAML
 from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_recording
 
 from touchline.api import prepare
-from touchline.calibration.imu import calibrate_imu
 from touchline.calibration.lines.calibration import calibrate_points
 from touchline.calibration.lines.pixels_file import image_size, read_pixels, rough_circle
 from touchline.calibration.marks import read_marks
@@ -25,6 +24,7 @@ from touchline.calibration.perspective import (
 from touchline.camera import PinholeCamera, open_camera
 from touchline.field import open_field
 from touchline.files.yaml_text import read_yaml_mapping
+from touchline.published.nimbro_lines.imu import calibrate_imu
 from touchline.sources import BagOptions, open_source
 from touchline.sources.loose import LooseOptions, odometry_rows, open_loose, parse_columns
 from touchline.sources.to_folder import write_folder

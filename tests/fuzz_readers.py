@@ -17,9 +17,6 @@ from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_reco
 
 from touchline.api import prepare
 from touchline.calibration.colour import calibrate_marked
-from touchline.calibration.range_pairs import marked_pairs
-from touchline.calibration.range_regression import fit_range
-from touchline.calibration.strip_recording import read_bearings, rough_center, sensor_gamma
 from touchline.camera import open_camera
 from touchline.checks.check import check_recording
 from touchline.cli.fields import _parse_letters
@@ -27,18 +24,21 @@ from touchline.cli.run import parse_pose
 from touchline.config import Settings, load_settings, settings_tree
 from touchline.evaluation import evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import read_estimates
-from touchline.evaluation.points.point_set import read_point_set
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import robot_setup, run_frames
 from touchline.field import field_from_letters, open_field
 from touchline.files.images import read_image
 from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
-from touchline.simulation.cameras.image_sensor import LinearImageCamera
-from touchline.simulation.scenario import SCENARIO_FOLDER, open_scenario
+from touchline.published.iris_fusion.range_pairs import marked_pairs
+from touchline.published.iris_fusion.range_regression import fit_range
+from touchline.published.strip.recording import read_bearings, rough_center, sensor_gamma
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, open_system
 from touchline.view.look import observe_image
+from touchline_lab.points.point_set import read_point_set
+from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
+from touchline_lab.simulation.scenario import SCENARIO_FOLDER, open_scenario
 
 DATA = Path(__file__).parent / "data"
 MARKS = "file,name,u,v,x_m,y_m\n" + "".join(

@@ -9,12 +9,12 @@ import numpy as np
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.simulation.robot.track import STEP_S, Track
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Status
+from touchline_lab.simulation.robot.track import STEP_S, Track
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 NAMES = (
     "calibration-strip", "chessboard", "humanoid-fisheye", "humanoid-walk", "kidnap", "light-changes", "lighting-1",

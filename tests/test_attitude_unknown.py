@@ -21,13 +21,13 @@ from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.seen import seen_points
 from touchline.motion.lean import LAG_S, LeanFilter
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Frame, LinePoints, Observation, Prior, Samples, Status
 from touchline.view.learned_view import seen_through
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 SUN = FULL_DATA / "humanoid_hsl_sun"
 

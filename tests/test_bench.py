@@ -17,10 +17,10 @@ from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation import outside_program
 from touchline.evaluation.outside_program import OutsideProgram
-from touchline.evaluation.points.localizers import ByRprop, point_localizer, point_systems
-from touchline.evaluation.points.point_set import PointSet, read_point_set
 from touchline.geometry import Pose
 from touchline.localization.registration.registration import Registration
+from touchline_lab.points.localizers import ByRprop, point_localizer, point_systems
+from touchline_lab.points.point_set import PointSet, read_point_set
 
 FILE = Path(__file__).parent / "data" / "points" / "msl_18x12.npz"
 EXAMPLES = Path(__file__).parents[1] / "examples" / "bench_points"

@@ -16,15 +16,15 @@ import pytest
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation.workers import Here
-from touchline.experiments.benchmark import runs
-from touchline.experiments.benchmark.exchange import Answers, read_answers, read_start, track_of_answers, write_inputs
-from touchline.experiments.benchmark.leaderboard import figure, leaderboard
-from touchline.experiments.benchmark.scoring import costs_m, over_robots, per_hour, score_of
-from touchline.experiments.benchmark.suite import Entry, Suite, digest, open_suite
-from touchline.experiments.drives import Drive, Track
 from touchline.geometry import Pose
 from touchline.sources import open_source
 from touchline.types import Samples
+from touchline_lab.bench import runs
+from touchline_lab.bench.exchange import Answers, read_answers, read_start, track_of_answers, write_inputs
+from touchline_lab.bench.leaderboard import figure, leaderboard
+from touchline_lab.bench.scoring import costs_m, over_robots, per_hour, score_of
+from touchline_lab.bench.suite import Entry, Suite, digest, open_suite
+from touchline_lab.experiments.drives import Drive, Track
 
 SUITE = "touchline-bench-1"
 SMALL = """\

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import yaml
 
-from touchline.calibration.directions import groups_of_directions, healed, smooth_bearings, white_excess
-from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
-from touchline.calibration.strip_axis import fit_axis
-from touchline.calibration.strip_edges import SPREAD_PX, end_edge
-from touchline.calibration.strip_recording import camera_yaml
 from touchline.camera import open_camera
+from touchline.camera.writing import camera_yaml
 from touchline.geometry import FloatArray
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.published.strip.axis import fit_axis
+from touchline.published.strip.directions import groups_of_directions, healed, smooth_bearings, white_excess
+from touchline.published.strip.edges import SPREAD_PX, end_edge
+from touchline.published.strip.mirror import MirrorCalibration, calibrate_mirror
 from touchline.sources import open_source
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 TILT_DEG, SHIFT_MM = (0.7, -0.5), (1.2, -0.8)
 

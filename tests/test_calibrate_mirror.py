@@ -12,13 +12,13 @@ import yaml
 from small_recordings import edit_line
 from strip_scenes import EDGES_M, HANDEDNESS, YAW_RAD, strip_image, tilted_camera, write_strip_recording
 
-from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
-from touchline.calibration.strip_recording import camera_yaml
 from touchline.camera import OmniCamera, open_camera
 from touchline.camera.model_free import lagrange, periodic_lagrange, range_image, ranges_along, table_radii
+from touchline.camera.writing import camera_yaml
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.published.strip.mirror import MirrorCalibration, calibrate_mirror
 from touchline.sources import open_source
 
 

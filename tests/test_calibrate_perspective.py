@@ -13,7 +13,6 @@ import pytest
 import yaml
 from small_recordings import write_recording
 
-from touchline.calibration.imu import calibrate_imu
 from touchline.calibration.marks import Marks, read_marks
 from touchline.calibration.perspective import (
     Lens,
@@ -29,12 +28,13 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.motion import LeanFilter
 from touchline.palette import ORANGE, bgr
-from touchline.simulation.cameras.perspective import kid_size_camera
-from touchline.simulation.recording import _write_calibration
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.published.nimbro_lines.imu import calibrate_imu
 from touchline.sources import Recording, open_source
 from touchline.types import Frame, Samples
+from touchline_lab.simulation.cameras.perspective import kid_size_camera
+from touchline_lab.simulation.recording import _write_calibration
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 FOUR = np.array([(1.2, 0.5), (1.2, -0.5), (2.5, 0.9), (2.5, -0.9)])
 MOUNT = Pose3.from_roll_pitch_yaw(0.03, 0.45, -0.05, (0.06, 0.02, 0.95))

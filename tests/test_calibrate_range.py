@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from touchline.calibration.range_pairs import RangePairs, marked_pairs, recording_pairs
-from touchline.calibration.range_regression import fit_range
 from touchline.camera import open_camera
 from touchline.cli import main
 from touchline.errors import InputError, NoFitError
 from touchline.files.images import read_image
+from touchline.published.iris_fusion.range_pairs import RangePairs, marked_pairs, recording_pairs
+from touchline.published.iris_fusion.range_regression import fit_range
 from touchline.sources import open_source
 from touchline.view.picture_files import save_picture
 

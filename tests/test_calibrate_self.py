@@ -15,14 +15,14 @@ from touchline.calibration.self_calibration import SelfCalibration, calibrate_se
 from touchline.camera import OmniCamera
 from touchline.cli.commands import app
 from touchline.errors import NoFitError
-from touchline.experiments.drives import Drive, driven
 from touchline.geometry import Pose
-from touchline.simulation.cameras.factory import open_simulated_camera
-from touchline.simulation.cameras.mirror_rays import MirrorMount
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.scenario import CameraSettings
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate
+from touchline_lab.experiments.drives import Drive, driven
+from touchline_lab.simulation.cameras.factory import open_simulated_camera
+from touchline_lab.simulation.cameras.mirror_rays import MirrorMount
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.scenario import CameraSettings
 
 ASKEW = (
     "camera.known_from=design", "camera.mirror.tilt_spread_deg=0", "camera.mirror.shift_spread_mm=0",

@@ -30,16 +30,16 @@ from touchline.camera import PinholeCamera, open_camera
 from touchline.cli import calibrate_self
 from touchline.cli.commands import app
 from touchline.errors import NoFitError
-from touchline.experiments.schulz_runs import AS_SIMULATED, walk
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.live.heard import Heard, Published, Reading, Sight
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
-from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.sources import Recording, open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Frame, Prior
+from touchline_lab.experiments.schulz_runs import AS_SIMULATED, walk
+from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES
 
 ASKEW = np.array([0.01, -0.02, 0.025, 0.03])
 MOUNT = Pose3.from_roll_pitch_yaw(0.0, 0.42, 0.0, (0.0, 0.0, PINHOLE_FEATURES.height_m))

@@ -13,13 +13,13 @@ from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import USUAL_TILT_DEG
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.published.iris.image_doubt import ImageMirror
 from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion.compass import COMPASS_FALSE
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.published.iris_fusion.image_doubt import ImageMirror
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Frame, LinePoints, Observation, Samples, Status
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 FIELD = open_field("indoor-9x6")
 TRUE = np.array([0.012, -0.006, 0.0, 0.0, 0.02])

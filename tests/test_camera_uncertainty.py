@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 import yaml
 
-from touchline.calibration.strip_recording import camera_yaml
 from touchline.camera import OmniCamera, open_camera
 from touchline.camera.model_free import MIN_UNCERTAINTY, Edges, edges_uncertainty
 from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
+from touchline.camera.writing import camera_yaml
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.learned_mirror import LearnedMirror
-from touchline.simulation.cameras.omni import omni_mapping
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.types import LinePoints
+from touchline_lab.simulation.cameras.omni import omni_mapping
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 FIELD = open_field("msl-18x12")
 RADII = np.arange(52.0, 201.0)

@@ -14,11 +14,11 @@ from touchline.checks.findings import Severity
 from touchline.checks.lines import check_lines, chosen_frames
 from touchline.checks.survey import take_survey
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.types import Estimate, Samples, Status
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 
 def where(times_s: FloatArray) -> FloatArray:

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.evaluation.points.point_set import polar_covariances, read_point_set
-from touchline.experiments.drives import Drive, driven, followed
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose
@@ -30,6 +28,8 @@ from touchline.localization.registration.line_likeness import (
 )
 from touchline.localization.registration.seen import POINT_SHARE, evenly_counted, seen_of
 from touchline.types import Frame, Observation, Prior, generic_covariances, points_at
+from touchline_lab.experiments.drives import Drive, driven, followed
+from touchline_lab.points.point_set import polar_covariances, read_point_set
 
 RNG = np.random.default_rng(25)
 NOISE = (0.02, 0.01, 0.0087)  # of the point set

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import tomllib
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+import tomllib
 
 import touchline
 from touchline.systems import SYSTEMS

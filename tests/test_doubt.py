@@ -9,18 +9,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from touchline.experiments.clutter import Points, anew, blob, false_line, one_line, riding, ring, shown, uniform
-from touchline.experiments.drives import Drive, drive_of
-from touchline.experiments.injections import Fault, ahead, both, stuck_compass, turned_compass, unfelt
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.pose_filter import Fusion, PoseFilter
 from touchline.motion.compass import COMPASS_FALSE
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.published.nubot.compass_correction import CompassCorrection
+from touchline.published.nubot.pose_filter import Fusion, PoseFilter
+from touchline.published.nubot_mti.system import NubotMti, NubotMtiSettings
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Estimate, Status
+from touchline_lab.experiments.clutter import Points, anew, blob, false_line, one_line, riding, ring, shown, uniform
+from touchline_lab.experiments.drives import Drive, drive_of
+from touchline_lab.experiments.injections import Fault, ahead, both, stuck_compass, turned_compass, unfelt
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 UNIFORM, FAR, RING = (shown(anew(shape), besides=False) for shape in (uniform, ring(1e6), ring(1.0)))
 BLOB = shown(riding(blob(20.0, 20.0)), besides=False)

@@ -12,14 +12,8 @@ import numpy as np
 import pytest
 
 from touchline.config import settings_rows
-from touchline.evaluation.points.point_set import polar_covariances
-from touchline.experiments.drives import Drive, driven
-from touchline.experiments.scenes import the_camera
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import TouchlineSettings
 from touchline.types import (
@@ -34,6 +28,12 @@ from touchline.types import (
     Samples,
     Status,
 )
+from touchline_lab.experiments.drives import Drive, driven
+from touchline_lab.experiments.scenes import the_camera
+from touchline_lab.points.point_set import polar_covariances
+from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
 HEIGHT_M = PINHOLE_FEATURES.height_m

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from touchline.camera import OmniCamera
-from touchline.experiments.drives import driven
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import CameraErrors, camera_errors
 from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.localization.estimator.filter_kernels import ERRORS
 from touchline.motion.driven import Scales
+from touchline_lab.experiments.drives import driven
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation.metrics import ErrorTable
-from touchline.experiments import (
+from touchline.geometry import Pose
+from touchline_lab.experiments import (
     EXPERIMENTS,
     Experiment,
     ExperimentResult,
@@ -27,8 +28,8 @@ from touchline.experiments import (
     lighting,
     occlusion,
 )
-from touchline.experiments.drives import Track
-from touchline.experiments.harness import (
+from touchline_lab.experiments.drives import Track
+from touchline_lab.experiments.harness import (
     NOTHING,
     RUNS,
     Headline,
@@ -45,9 +46,8 @@ from touchline.experiments.harness import (
     with_row,
     write_result,
 )
-from touchline.experiments.samples import PLACE, descents, searches, xiong_convergence, xiong_samples
-from touchline.experiments.timing import lu2013_timing
-from touchline.geometry import Pose
+from touchline_lab.experiments.samples import PLACE, descents, searches, xiong_convergence, xiong_samples
+from touchline_lab.experiments.timing import lu2013_timing
 
 
 def result(name: str = "one", ours: str = "1 cm") -> ExperimentResult:
@@ -142,7 +142,7 @@ def test_all_goes_on_where_it_was_stopped(
         return replace(result(self.name), first_seed=first_seed)
 
     monkeypatch.setattr(Experiment, "run", run)
-    monkeypatch.setattr("touchline.experiments.EXPERIMENTS", {name: EXPERIMENTS[name] for name in ("own", "nees")})
+    monkeypatch.setattr("touchline_lab.experiments.EXPERIMENTS", {name: EXPERIMENTS[name] for name in ("own", "nees")})
     command = ["experiment", "all", "--output", str(tmp_path), "--seeds", "2"]
     assert main(command) == 0
     (tmp_path / RUNS).write_text("".join((tmp_path / RUNS).read_text().splitlines(keepends=True)[:1]))
@@ -179,8 +179,8 @@ def test_a_budget_is_so_many_seeds_as_fit(
         return replace(result(self.name), seeds=seeds, first_seed=first_seed)
 
     monkeypatch.setattr(Experiment, "run", run)
-    monkeypatch.setattr("touchline.experiments.EXPERIMENTS", {"own": EXPERIMENTS["own"]})
-    monkeypatch.setattr("touchline.cli.experiment.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("touchline_lab.experiments.EXPERIMENTS", {"own": EXPERIMENTS["own"]})
+    monkeypatch.setattr("touchline_lab.cli.experiment.time.monotonic", lambda: now_s)
     command = ["experiment", "all", "--output", str(tmp_path), "--seeds", "30", "--budget"]
     codes = [main([*command, "12"]), main([*command, "12"]), main([*command, "6"])]
     assert codes == [0 if runs == [1] else 2, 0, 0]

@@ -21,10 +21,10 @@ from touchline.camera.exposure import (
 from touchline.camera.exposure_search import EntropySearch, PathSettings, SearchSettings
 from touchline.config import load_settings
 from touchline.errors import InputError, TouchlineError
-from touchline.simulation.cameras.image_sensor import LinearImageCamera
 from touchline.sources import open_source
 from touchline.sources.uvc_camera import UvcCamera
 from touchline.types import ImageArray
+from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
 
 # --- entropy ----------------------------------------------------------------------------------------------------------
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from touchline.camera.exposure import ExposureSettings
-from touchline.experiments import EXPERIMENTS, lu2013_exposure
-from touchline.experiments.harness import write_result
 from touchline.sources import open_source
+from touchline_lab.experiments import EXPERIMENTS, lu2013_exposure
+from touchline_lab.experiments.harness import write_result
 
 
 def test_the_experiment_draws_surface_path_and_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,10 +14,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import EXPERIMENTS, catalogue, clutter, faults, faulty_play, injections
-from touchline.experiments import schulz_runs as humanoids
-from touchline.experiments.catalogue import CATALOGUE, CLOUD, FEATURES, MIRROR, Kind, Laid, laid, pairs, walk_of_points
-from touchline.experiments.drives import (
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose
+from touchline.systems import RobotSetup
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Samples, Status, points_at
+from touchline_lab.experiments import EXPERIMENTS, catalogue, clutter, faults, faulty_play, injections
+from touchline_lab.experiments import schulz_runs as humanoids
+from touchline_lab.experiments.catalogue import (
+    CATALOGUE,
+    CLOUD,
+    FEATURES,
+    MIRROR,
+    Kind,
+    Laid,
+    laid,
+    pairs,
+    walk_of_points,
+)
+from touchline_lab.experiments.drives import (
     KIDNAPS,
     BoolArray,
     Drive,
@@ -29,12 +43,8 @@ from touchline.experiments.drives import (
     longest,
     track_of,
 )
-from touchline.experiments.faults import outcome, rightly_named
-from touchline.experiments.injections import Change, Fault, clock, elsewhere, odometry, similar, stepped
-from touchline.field import open_field
-from touchline.geometry import FloatArray, Pose
-from touchline.systems import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Samples, Status, points_at
+from touchline_lab.experiments.faults import outcome, rightly_named
+from touchline_lab.experiments.injections import Change, Fault, clock, elsewhere, odometry, similar, stepped
 
 FIELD = open_field("indoor-9x6")
 START_S, END_S = 2.0, 4.0
@@ -445,7 +455,7 @@ def test_a_laid_case_is_the_drive_without_it_but_for_the_fault() -> None:
 
 def test_a_threshold_is_exceeded_as_often_as_is_stated() -> None:
     """Ten hours of statistics whose events are exponential, one a minute: those of one in an hour and one in ten."""
-    path = Path(__file__).parents[1] / "benchmarks/integrity_thresholds.py"
+    path = Path(__file__).parents[1] / "lab/benchmarks/integrity_thresholds.py"
     spec = importlib.util.spec_from_file_location("integrity_thresholds", path)
     assert spec is not None
     assert spec.loader is not None

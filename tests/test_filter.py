@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from touchline.experiments.drives import driven
-from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.localization.camera_errors import CameraErrors, camera_errors
@@ -29,6 +27,8 @@ from touchline.motion.driven import Scales
 from touchline.motion.odometry import Motion
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
+from touchline_lab.experiments.drives import driven
+from touchline_lab.experiments.nees import CONDITIONS, Condition, honesty
 
 FIELD = open_field("msl-18x12")
 AS_BUILT = ("camera.known_from=design", "camera.mirror.range_spread=0.01")

@@ -25,15 +25,15 @@ from touchline.localization.camera_errors.fisheye_focal import by_angle_scale, s
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
 from touchline.perception import LineGraphSettings, line_graph_detector
-from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
 from touchline.sources.bags.camera_file import camera_mapping
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Prior
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 CAMERA = kid_size_camera()
 FILE = perspective_mapping(CAMERA)

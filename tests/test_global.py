@@ -12,15 +12,15 @@ from line_scenes import load_point_sets, view
 from touchline.field import FieldModel, open_field
 from touchline.field.region import OWN_HALF, Region
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.published.nubot.global_search import (
+from touchline.localization.registration.weights import WeightSettings, range_weights
+from touchline.localization.search.pose_grid import sample_positions
+from touchline.published.nubot.global_search import (
     GlobalSearch,
     GlobalSearchPaper,
     GlobalSearchSettings,
     sample_errors,
 )
-from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.registration.weights import WeightSettings, range_weights
-from touchline.localization.search.pose_grid import sample_positions
+from touchline.published.nubot.matcher import Matcher
 
 FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())

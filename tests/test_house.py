@@ -6,13 +6,13 @@ import ast
 import math
 import re
 import shlex
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tomllib
 import typer
 import yaml
 

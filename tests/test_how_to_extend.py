@@ -14,14 +14,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from touchline.experiments.drives import Drive, driven
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.measurement import Measurement
-from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system, touchline
 from touchline.types import Frame, Prior, Status
+from touchline_lab.experiments.drives import Drive, driven
+from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to-extend.md"
 PACKAGE = "touchline.localization.estimator"

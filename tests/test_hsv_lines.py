@@ -27,9 +27,10 @@ from touchline.camera import OmniCamera
 from touchline.camera.base import ground_jacobian
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.perception import HsvLineDetector, HsvLinePaper, HsvLineSettings, observe
+from touchline.perception import observe
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.ray_runs import RUN_COLUMNS, RayPictures, Rays, RunLimits, white_runs
+from touchline.published.iris_fusion.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
 from touchline.sources import open_source
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 

@@ -10,12 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from touchline.experiments import drives
-from touchline.experiments.catalogue import CATALOGUE, FEATURES, MIRROR, driven_by, laid
-from touchline.experiments.clutter import all_of, bars, nets, robots, shown, standing
-from touchline.experiments.drives import Drive, driven, track_of
-from touchline.experiments.faults import frames_of
-from touchline.experiments.injections import Fault, stepped
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator import visual_motion
 from touchline.localization.estimator.bank import Image, Member
@@ -48,6 +42,12 @@ from touchline.motion.odometry import Motion
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
+from touchline_lab.experiments import drives
+from touchline_lab.experiments.catalogue import CATALOGUE, FEATURES, MIRROR, driven_by, laid
+from touchline_lab.experiments.clutter import all_of, bars, nets, robots, shown, standing
+from touchline_lab.experiments.drives import Drive, driven, track_of
+from touchline_lab.experiments.faults import frames_of
+from touchline_lab.experiments.injections import Fault, stepped
 
 FROM_S = 6.0
 Change = Callable[[Frame, Frame], Frame]  # of a frame and the one at which the fault begins

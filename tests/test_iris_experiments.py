@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points
-from touchline.experiments.drives import Drive, Track, drive_of
-from touchline.experiments.harness import write_result
-from touchline.experiments.injections import covered, gyro_drifting, slipped
-from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, drive, open_iris
 from touchline.field import open_field
 from touchline.geometry import Pose, wrap_angles
-from touchline.perception import HsvLineDetector, observe
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.perception import observe
+from touchline.published.iris_fusion.hsv_lines import HsvLineDetector
 from touchline.systems import RobotSetup
 from touchline.types import Frame, Mode, Samples
+from touchline_lab.experiments import EXPERIMENTS, iris_disturbances, iris_points
+from touchline_lab.experiments.drives import Drive, Track, drive_of
+from touchline_lab.experiments.harness import write_result
+from touchline_lab.experiments.injections import covered, gyro_drifting, slipped
+from touchline_lab.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, drive, open_iris
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 
 @pytest.fixture(scope="module")

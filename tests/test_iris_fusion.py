@@ -16,11 +16,9 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.motion import DeadReckoning, MotionHistory
 from touchline.motion.compass import COMPASS_FALSE
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import MotionSettings, open_scenario
+from touchline.published.iris_fusion.system import IrisFusion, IrisFusionSettings
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.types import (
     Estimate,
     Frame,
@@ -33,6 +31,8 @@ from touchline.types import (
     empty_points,
     points_at,
 )
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import MotionSettings, open_scenario
 
 PAPER = (
     "paper.particles.max_units=255", "paper.particles.tempering_threshold=0", "paper.particles.roughening=0",

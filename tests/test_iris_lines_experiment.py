@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import EXPERIMENTS, iris_lines, timing
-from touchline.experiments.harness import write_result
 from touchline.field import open_field
-from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
+from touchline_lab.experiments import EXPERIMENTS, iris_lines, timing
+from touchline_lab.experiments.harness import write_result
+from touchline_lab.simulation.world.calibration_layout import STRIP_EDGES_M
 
 
 @pytest.fixture(scope="module")

@@ -12,17 +12,17 @@ from touchline.field import open_field
 from touchline.field.error_map import error_map
 from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.particles.particle_set import mean_and_covariance
-from touchline.localization.particles.resampling import low_variance, tempering
-from touchline.localization.particles.sensor_models import LineView
-from touchline.localization.published.iris.particles import (
+from touchline.motion.odometry import Motion
+from touchline.published.iris_fusion.particles import (
     MAP_M,
     MAX_M,
     IrisParticlePaper,
     IrisParticles,
     IrisParticleSettings,
 )
-from touchline.motion.odometry import Motion
+from touchline.published.particles.particle_set import mean_and_covariance
+from touchline.published.particles.resampling import low_variance, tempering
+from touchline.published.particles.sensor_models import LineView
 
 FIELD = open_field("indoor-9x6")
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)

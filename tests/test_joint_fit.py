@@ -32,10 +32,10 @@ from touchline.localization.registration.joint import Seen, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import Registration
 from touchline.localization.registration.seen import seen_of, seen_points
-from touchline.simulation.cameras.factory import open_simulated_camera
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.scenario import CameraSettings
 from touchline.types import Crossings, LandmarkKind, Landmarks, LinePoints, Observation
+from touchline_lab.simulation.cameras.factory import open_simulated_camera
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.scenario import CameraSettings
 
 FIELD = open_field("msl-18x12")
 PLACES = FieldAssociations(FIELD)

@@ -7,9 +7,9 @@ import pytest
 
 from touchline.camera import GroundView
 from touchline.geometry import Pose, Pose3
-from touchline.simulation.cameras.perspective import humanoid_camera
 from touchline.types import Estimate, Frame, Observation, Status, points_at
 from touchline.view.learned_view import as_learned
+from touchline_lab.simulation.cameras.perspective import humanoid_camera
 
 ANGLES_RAD = np.linspace(0.05, 0.5, 10)
 GROUND_M = np.array([[1.5, 0.0], [2.0, 0.6], [2.5, -0.5], [1.2, 0.3]])

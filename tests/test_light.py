@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from touchline.experiments import light
 from touchline.motion import LeanFilter
 from touchline.perception import LinePointDetector, LinePointSettings, detector_for, observe
 from touchline.perception.profiles import on_one_line
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.run import Simulation
 from touchline.types import LinePoints, Observation
+from touchline_lab.experiments import light
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.run import Simulation
 
 
 @pytest.fixture(scope="module")

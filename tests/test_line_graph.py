@@ -11,7 +11,6 @@ import pytest
 from touchline.camera import GroundView, OmniCamera, PinholeCamera
 from touchline.cli.compile import drawn_image
 from touchline.errors import InputError
-from touchline.experiments.schulz_features import LANDMARKS, VARIANTS, measure
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
@@ -37,6 +36,7 @@ from touchline.perception.line_graph.profiles import (
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
 from touchline.types import Frame, Lines, Observation
+from touchline_lab.experiments.schulz_features import LANDMARKS, VARIANTS, measure
 
 ROWS, COLUMNS = 40, 60
 SWITCHES = [

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from touchline.camera import GroundView, PinholeCamera
-from touchline.experiments.clutter import distances_to_segment
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.colour import Carpet, _most_frequent_green, colour_model
@@ -44,6 +43,7 @@ from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank
 from touchline.perception.self_learning import FADED_FRAMES
 from touchline.sources import open_source
 from touchline.types import ImageArray
+from touchline_lab.experiments.clutter import distances_to_segment
 
 CARPET, WORN, WALL = (45, 90, 75), (105, 130, 125), (240, 240, 240)
 SIDES = np.full((120, 2), 6)

@@ -23,11 +23,11 @@ from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose, Pose3
 from touchline.localizer import Localizer
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
 from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, OdometryScales, Prior, Samples, Status
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "omni_msl_track_short"

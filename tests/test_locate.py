@@ -25,9 +25,9 @@ from touchline.localization.one_shot.locate import (
 from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.one_shot.thinning import sampled, thinned, thinned_to
-from touchline.localization.published.nubot.kernels import grid_errors
 from touchline.localization.search.coarse_search import CoarseSearch
 from touchline.localization.search.pose_grid import PoseGrid
+from touchline.published.nubot.kernels import grid_errors
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")

@@ -19,9 +19,9 @@ from touchline.localization.one_shot.advice import fit_scale
 from touchline.localization.one_shot.certainty import Spread, with_camera
 from touchline.localization.one_shot.locate import Location, locate_points
 from touchline.localization.registration.learned_mirror import LearnedMirror
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.types import points_at
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 FIELD = open_field("msl-18x12")
 SCALE_M, PER_PX = 1.568777, 0.00708754  # of the robot's mirror: r = a tan(b rho)

@@ -21,10 +21,10 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.one_shot.locate import Location, locate
 from touchline.localization.registration.covariance import widest_m
-from touchline.simulation.cameras.perspective import humanoid_camera
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.types import LinePoints, Lines, Observation, points_at
+from touchline_lab.simulation.cameras.perspective import humanoid_camera
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 WALK_S, STEP = 20.0, 8
 

@@ -22,13 +22,13 @@ from touchline.live.heard import Heard, Published
 from touchline.live.state_file import StateFile, prior_of, resume
 from touchline.localization.estimator.game_states import Referee, game_prior
 from touchline.localizer import Localizer
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup
 from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Estimate, Evidence, Frame, GameState, Prior, Samples, Status, WeightedPose
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 # teams 5 and 12; PLAYING (3) in the first half; player 2 of team 12 has the penalty named, 33 s and its cards
 HEAD = "52476d65 %s 2a 05 00 00 00 03 00 01 0c 58 02 f6 ff"

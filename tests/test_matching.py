@@ -14,8 +14,9 @@ from line_scenes import PointSets, load_point_sets, view
 from touchline.field import open_field
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.published.nubot.kernels import error_and_gradient
-from touchline.localization.published.nubot.matcher import (
+from touchline.localization.registration.weights import WeightSettings, precision_weights, range_weights
+from touchline.published.nubot.kernels import error_and_gradient
+from touchline.published.nubot.matcher import (
     FIRST_STEP_M,
     FIRST_STEP_RAD,
     GROW,
@@ -27,7 +28,6 @@ from touchline.localization.published.nubot.matcher import (
     Matcher,
     MatchingSettings,
 )
-from touchline.localization.registration.weights import WeightSettings, precision_weights, range_weights
 from touchline.types import LinePoints, empty_points
 
 FIELD = open_field("msl-18x12")

@@ -8,9 +8,9 @@ from line_scenes import lone_line, view
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.registration.covariance import moments
 from touchline.localization.registration.weights import WeightSettings, range_weights
+from touchline.published.nubot.matcher import Match, Matcher, MatchingSettings
 
 FIELD = open_field("msl-18x12")
 

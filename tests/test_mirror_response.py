@@ -10,10 +10,10 @@ import pytest
 
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.mirror_response import mirror_response
-from touchline.simulation.cameras.factory import open_simulated_camera
-from touchline.simulation.cameras.mirror_rays import MirrorMount
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.scenario import CameraSettings
+from touchline_lab.simulation.cameras.factory import open_simulated_camera
+from touchline_lab.simulation.cameras.mirror_rays import MirrorMount
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.scenario import CameraSettings
 
 AROUND = np.linspace(0.1, 2.0 * np.pi, 12, endpoint=False)
 EXACT = np.vstack([r * np.column_stack((np.cos(AROUND), np.sin(AROUND))) for r in (1.0, 1.5, 2.0, 3.0, 4.0)])

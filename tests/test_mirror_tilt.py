@@ -9,11 +9,11 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.registration import learned_mirror
 from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.published.nubot.compass_correction import CompassCorrection
+from touchline.published.nubot.match_input import MatchInput, refine_with_tilt
+from touchline.published.nubot.matcher import Matcher
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")

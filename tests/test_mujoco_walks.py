@@ -1,4 +1,4 @@
-"""Walks in RoboCup's MuJoCo soccer server, made by benchmarks/mujoco: short ones are followed; the gait."""
+"""Walks in RoboCup's MuJoCo soccer server, made by lab/benchmarks/mujoco: short ones are followed; the gait."""
 
 from __future__ import annotations
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from touchline.experiments import drives, nees
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.systems import RobotSetup
 from touchline.types import Estimate, Frame, Status
+from touchline_lab.experiments import drives, nees
 
 
 def test_of_honest_errors_a_third_of_nees_is_one_and_the_ellipse_covers_95_percent(

@@ -11,18 +11,14 @@ import pytest
 
 from touchline.config import load_settings, preset_values
 from touchline.errors import InputError
-from touchline.experiments.schulz_runs import TRACKING_ALONE
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.localization.registration.feature_model import FeatureModel, field_lines
 from touchline.localization.registration.features import Features, FeatureSettings
 from touchline.localization.search.feature_poses import PoseProposals
-from touchline.simulation.observation.features import leaning
-from touchline.simulation.run import PINHOLE_FEATURES, Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.published.nimbro_lines.system import NimbroLines, NimbroLinesSettings
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
 from touchline.types import (
     CrossingKind,
     Crossings,
@@ -35,6 +31,10 @@ from touchline.types import (
     Samples,
     Status,
 )
+from touchline_lab.experiments.schulz_runs import TRACKING_ALONE
+from touchline_lab.simulation.observation.features import leaning
+from touchline_lab.simulation.run import PINHOLE_FEATURES, Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 

@@ -11,13 +11,13 @@ import pytest
 from test_touchline_system import FIELD, errors, frame, seen
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.drives import drive_of, estimates_of
-from touchline.experiments.schulz_runs import AS_BUILT, random_areas, start_about, walk
 from touchline.geometry import Pose
 from touchline.sources import open_source
 from touchline.systems import RobotSetup
 from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Estimate, Frame, Prior, Status, WeightedPose
+from touchline_lab.experiments.drives import drive_of, estimates_of
+from touchline_lab.experiments.schulz_runs import AS_BUILT, random_areas, start_about, walk
 
 PANNING = AS_BUILT._replace(away_s=0.0, pan_deg=50.0)
 

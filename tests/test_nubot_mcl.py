@@ -18,14 +18,14 @@ from touchline.camera import OmniCamera
 from touchline.config import PAPER, load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.published.nubot import particle_localizer
-from touchline.localization.published.nubot.particle_localizer import CONFIRMATIONS
-from touchline.localization.published.nubot.particles import NubotParticleSettings
 from touchline.perception import SelfLearningDetector, observe
+from touchline.published.nubot import particle_localizer
+from touchline.published.nubot_mcl.alone import NubotMclAlone, NubotMclAloneSettings
+from touchline.published.nubot_mcl.particle_localizer import CONFIRMATIONS
+from touchline.published.nubot_mcl.particles import NubotParticleSettings
+from touchline.published.nubot_mcl.system import NubotMcl, NubotMclSettings
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
-from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
-from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 FIELD = open_field("msl-18x12")

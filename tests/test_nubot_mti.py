@@ -14,9 +14,9 @@ from touchline.config import load_settings
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.published.nubot_mti.system import NubotMti, NubotMtiSettings
 from touchline.sources import open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
-from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")

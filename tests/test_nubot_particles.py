@@ -12,13 +12,13 @@ from touchline.config import PAPER, load_settings
 from touchline.field import FieldModel, open_field
 from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.particles.motion_model import move
-from touchline.localization.particles.particle_set import mean_and_covariance, normalize
-from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
-from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
-from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
+from touchline.published.nubot.matcher import Matcher
+from touchline.published.nubot_mcl.particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
+from touchline.published.particles.motion_model import move
+from touchline.published.particles.particle_set import mean_and_covariance, normalize
+from touchline.published.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
+from touchline.published.particles.sensor_models import SquaredErrors, log_likelihoods
 
 FIELD = open_field("msl-18x12")
 # Equations (1) to (3) as they stand, and nothing but the drawing to come near.

@@ -12,10 +12,10 @@ from test_odd_frames import ODD, is_honest
 from touchline.geometry import FloatArray, Pose
 from touchline.localizer import Localizer
 from touchline.motion import LeanFilter
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Frame, Observation, Prior, Samples, Status, System
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 SENSORS = ("odometry", "gyro", "compass", "tilt")
 NANOSECONDS = 1_000_000_000

@@ -15,11 +15,11 @@ import pytest
 
 from touchline.camera import OmniCamera
 from touchline.geometry import Pose
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.types import Estimate, Frame, ImageArray, LinePoints, Observation, Samples, Status, System
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 BY_POINTS = [name for name, info in SYSTEMS.items() if "omni" in info.cameras]  # others: test_odd_features.py

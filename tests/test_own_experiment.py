@@ -7,17 +7,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from touchline.evaluation.points.point_set import PointSet
-from touchline.experiments import own, own_ablations, own_points
-from touchline.experiments.drives import Kidnapped, Track, driven
-from touchline.experiments.injections import Fault, unseen
-from touchline.experiments.own import COLUMNS, Errors
-from touchline.experiments.own_points import OWN, SYSTEMS, VIEWS, row
 from touchline.field import open_field
 from touchline.field.distances import distances_to_lines
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.search.pose_search import Mode
 from touchline.types import LinePoints, Status
+from touchline_lab.experiments import own, own_ablations, own_points
+from touchline_lab.experiments.drives import Kidnapped, Track, driven
+from touchline_lab.experiments.injections import Fault, unseen
+from touchline_lab.experiments.own import COLUMNS, Errors
+from touchline_lab.experiments.own_points import OWN, SYSTEMS, VIEWS, row
+from touchline_lab.points.point_set import PointSet
 
 FIELD = open_field("msl-18x12")
 

@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from touchline.experiments import own_humanoids
-from touchline.experiments.drives import Drive
-from touchline.experiments.injections import FALL_S, carried, drifting, fallen, looking_lower, misjudged
-from touchline.experiments.schulz_runs import AS_SIMULATED, dead_reckoned, walk
 from touchline.geometry import wrap_angle
-from touchline.simulation.cameras.perspective import humanoid_camera
-from touchline.simulation.observation.features import leaning
 from touchline.systems import RobotSetup
+from touchline_lab.experiments import own_humanoids
+from touchline_lab.experiments.drives import Drive
+from touchline_lab.experiments.injections import FALL_S, carried, drifting, fallen, looking_lower, misjudged
+from touchline_lab.experiments.schulz_runs import AS_SIMULATED, dead_reckoned, walk
+from touchline_lab.simulation.cameras.perspective import humanoid_camera
+from touchline_lab.simulation.observation.features import leaning
 
 FIELD, SECONDS = "indoor-9x6", 12.0
 

@@ -6,12 +6,12 @@ import importlib.util
 import re
 import signal
 import sys
-import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+import tomllib
 import yaml
 
 import touchline

@@ -10,13 +10,13 @@ from line_scenes import view
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.particles.motion_model import MotionModel
-from touchline.localization.particles.particle_filter import ParticleFilter
-from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
-from touchline.localization.particles.random_particles import AugmentedInjection, RandomInjection, UniformPoses
-from touchline.localization.particles.resampling import EVERY_CYCLE, CertaintyNumber, Resampling
-from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
 from touchline.motion.odometry import Motion
+from touchline.published.particles.motion_model import MotionModel
+from touchline.published.particles.particle_filter import ParticleFilter
+from touchline.published.particles.particle_set import ParticleEstimate, ParticleSet
+from touchline.published.particles.random_particles import AugmentedInjection, RandomInjection, UniformPoses
+from touchline.published.particles.resampling import EVERY_CYCLE, CertaintyNumber, Resampling
+from touchline.published.particles.sensor_models import DistanceMapModel, LineView
 
 FIELD = open_field("msl-18x12")
 LINES = DistanceMapModel(FIELD.distance_map(), 0.3, farthest_sigmas=3.3, independent_points=5.0)

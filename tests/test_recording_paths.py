@@ -9,12 +9,12 @@ import pytest
 from small_recordings import borrow, edit_line, write_recording
 
 from touchline.calibration.colour import calibrate_recording
-from touchline.calibration.range_pairs import recording_pairs
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation import evaluate
 from touchline.evaluation.run_folder import new_folder
 from touchline.files.new import file_name
+from touchline.published.iris_fusion.range_pairs import recording_pairs
 from touchline.sources import open_source
 from touchline.view.look import look_at_recording
 

@@ -8,9 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.evaluation.points.bench import bench_points
-from touchline.evaluation.points.localizers import ByRegistration
-from touchline.evaluation.points.point_set import PointSet, polar_covariances, read_point_set
 from touchline.field import open_field
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -19,6 +16,9 @@ from touchline.localization.registration.kernels import Plan, register
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.unseen import count_unseen, unseen, view_of
 from touchline.localization.search.pose_search import PoseSearch, Wanted
+from touchline_lab.points.bench import bench_points
+from touchline_lab.points.localizers import ByRegistration
+from touchline_lab.points.point_set import PointSet, polar_covariances, read_point_set
 
 FIELD = open_field("msl-18x12")
 REGISTRATION = Registration(FIELD.distance_map())

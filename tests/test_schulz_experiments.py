@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import (
+from touchline.geometry import Pose
+from touchline_lab.experiments import (
     EXPERIMENTS,
     schulz_accuracy,
     schulz_belief,
@@ -18,13 +19,12 @@ from touchline.experiments import (
     schulz_runs,
     schulz_timing,
 )
-from touchline.experiments.drives import Drive, Track
-from touchline.experiments.harness import ExperimentResult, write_result
-from touchline.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, right_of, settings, tracked, walk
-from touchline.geometry import Pose
-from touchline.simulation.observation.features import leaning, turned
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline_lab.experiments.drives import Drive, Track
+from touchline_lab.experiments.harness import ExperimentResult, write_result
+from touchline_lab.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, right_of, settings, tracked, walk
+from touchline_lab.simulation.observation.features import leaning, turned
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 
 @pytest.fixture(scope="module")

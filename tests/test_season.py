@@ -104,7 +104,7 @@ def test_what_was_cut_off_goes_on(season: Path, tmp_path: Path) -> None:
 def test_one_worker_that_is_interrupted_leaves_no_row_and_goes_on(season: Path, tmp_path: Path, kind: str) -> None:
     script = tmp_path / "interrupted.py"
     script.write_text(
-        "import os, signal, sys\nfrom touchline.cli import main\nfrom touchline.systems.nubot_mti import NubotMti\n"
+        "import os, signal, sys\nfrom touchline.cli import main\nfrom touchline.published.nubot_mti.system import NubotMti\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\nstep, steps = NubotMti.step, []\n"
         "def stopped(self, frame):\n    steps.append(frame)\n    if len(steps) == 5:\n"
         f"        os.kill(os.getpid(), signal.{kind})\n    return step(self, frame)\n"

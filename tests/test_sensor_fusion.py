@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.particles.particle_set import ParticleEstimate
-from touchline.localization.published.iris import field_side, restart
-from touchline.localization.published.iris import modes as limits
-from touchline.localization.published.iris.field_side import FieldSide
-from touchline.localization.published.iris.modes import (
+from touchline.motion.dead_reckoning import without_bias
+from touchline.motion.odometry import Motion
+from touchline.published.iris_fusion import field_side, restart
+from touchline.published.iris_fusion import modes as limits
+from touchline.published.iris_fusion.field_side import FieldSide
+from touchline.published.iris_fusion.modes import (
     ImageDoubt,
     SensorFusion,
     SensorFusionPaper,
     SensorFusionSettings,
     blended,
 )
-from touchline.localization.published.iris.restart import RestartRule
-from touchline.motion.dead_reckoning import without_bias
-from touchline.motion.odometry import Motion
+from touchline.published.iris_fusion.restart import RestartRule
+from touchline.published.particles.particle_set import ParticleEstimate
 from touchline.types import Mode
 
 STEP = Motion(Pose(0.1, 0.0, 0.0), np.diag([1e-5, 1e-5, 1e-6]), 0.0)

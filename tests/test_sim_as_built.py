@@ -11,11 +11,11 @@ import pytest
 from simulated import scenario_file
 
 from touchline.geometry import FloatArray
-from touchline.simulation.cameras.head import Head, draw_head
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.observation.observed_lines import NO_BODIES
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import Scenario, open_scenario
+from touchline_lab.simulation.cameras.head import Head, draw_head
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.observation.observed_lines import NO_BODIES
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import Scenario, open_scenario
 
 SHORT = open_scenario("straight-tracks", 1, 4.0)
 RINGS_M = np.array([0.7, 1.0, 2.0, 3.5, 7.5])

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from touchline.errors import InputError
-from touchline.simulation.cameras.mirror import (
+from touchline_lab.simulation.cameras.mirror import (
     MirrorHead,
     MirrorProfile,
     Target,
@@ -22,8 +22,8 @@ from touchline.simulation.cameras.mirror import (
     tangent_range,
     vertically_isometric,
 )
-from touchline.simulation.cameras.mirror_rays import MirrorMount, mirror_rays
-from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
+from touchline_lab.simulation.cameras.mirror_rays import MirrorMount, mirror_rays
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
 
 READY: dict[str, Callable[[], Target]] = {
     "hyperbolic": lambda: hyperbolic()[0],

@@ -11,14 +11,14 @@ from line_profiles import line_offsets, projected_lines
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.cameras.base import Motion
-from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
-from touchline.simulation.robot.track import STEP_S
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
-from touchline.simulation.world.hall import default_world
-from touchline.simulation.world.lights import Lights
-from touchline.simulation.world.world import PAINTS, GroundMark, World, WorldState
+from touchline_lab.simulation.cameras.base import Motion
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera
+from touchline_lab.simulation.robot.track import STEP_S
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
+from touchline_lab.simulation.world.hall import default_world
+from touchline_lab.simulation.world.lights import Lights
+from touchline_lab.simulation.world.world import PAINTS, GroundMark, World, WorldState
 
 READOUT_S = 0.03
 ROWS = (100, 240, 330, 420)

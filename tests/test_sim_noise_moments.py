@@ -11,8 +11,8 @@ from simulated import standing_track
 from test_sim_sensors import SILENT_IMU, SILENT_ODOMETRY, SILENT_WHEELS, driving
 
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.robot.noise import drift, random_walk
-from touchline.simulation.robot.sensors import (
+from touchline_lab.simulation.robot.noise import drift, random_walk
+from touchline_lab.simulation.robot.sensors import (
     SENSOR_PERIOD_S,
     omni_base,
     simulate_imu,

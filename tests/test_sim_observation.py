@@ -15,16 +15,16 @@ from touchline.camera.base import ground_jacobian
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.perception.line_points import NOISE_M
-from touchline.simulation.observation.crossings import PLAIN, hidden
-from touchline.simulation.observation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
-from touchline.simulation.observation.goal_clutter import GoalClutter
-from touchline.simulation.observation.observed_lines import BuiltCamera, ObservedLines, leaning_view, occluders
-from touchline.simulation.observation.point_errors import ObservationNoise
-from touchline.simulation.observation.runs import BAR, circle_runs, ray_runs, round_table, segment_table
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import Scenario, open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Status
+from touchline_lab.simulation.observation.crossings import PLAIN, hidden
+from touchline_lab.simulation.observation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
+from touchline_lab.simulation.observation.goal_clutter import GoalClutter
+from touchline_lab.simulation.observation.observed_lines import BuiltCamera, ObservedLines, leaning_view, occluders
+from touchline_lab.simulation.observation.point_errors import ObservationNoise
+from touchline_lab.simulation.observation.runs import BAR, circle_runs, ray_runs, round_table, segment_table
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import Scenario, open_scenario
 
 NO_CLUTTER = GoalClutter(net_points=0.0, side_points=0.0)
 SILENT = ObservationNoise(

@@ -14,12 +14,12 @@ from touchline.camera import leaning as leaning_camera
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
-from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES, FeatureNoise, LandmarkNoise
-from touchline.simulation.observation.features import ObservedFeatures
-from touchline.simulation.observation.observed_lines import leaning_view
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.types import CrossingKind, LandmarkKind, Observation
+from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES, FeatureNoise, LandmarkNoise
+from touchline_lab.simulation.observation.features import ObservedFeatures
+from touchline_lab.simulation.observation.observed_lines import leaning_view
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 _ALL = LandmarkNoise(found_ratio=1.0, outwards_px=0.0, across_px=0.0)
 SILENT = FeatureNoise(

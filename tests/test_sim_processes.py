@@ -11,8 +11,8 @@ import pytest
 PROGRAM = """
 import hashlib, sys
 import numpy as np
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 level, names = sys.argv[1], sys.argv[2:]
 digest = hashlib.sha256()

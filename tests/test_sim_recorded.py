@@ -15,14 +15,14 @@ from touchline.camera.pinhole import pinhole_from_mapping
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointDetector
-from touchline.simulation.cameras.image_sensor import LinearImageCamera
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
-from touchline.simulation.recording import encoded
-from touchline.simulation.world.hall import default_world
-from touchline.simulation.world.world import World, WorldState
 from touchline.sources import Recording, open_source
 from touchline.types import ImageArray
+from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera
+from touchline_lab.simulation.recording import encoded
+from touchline_lab.simulation.world.hall import default_world
+from touchline_lab.simulation.world.world import World, WorldState
 
 LAMPS = (12.0, 1.7)  # exposure (ms) and gain that suit the hall's lamps
 OMNI = {  # images; those that a recording cut short lacks are left out

@@ -15,15 +15,15 @@ from touchline.camera.pinhole import pinhole_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
-from touchline.simulation.cameras.base import Motion, field_from_body
-from touchline.simulation.cameras.mirror import solve_mirror, tangent_range
-from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
-from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera
-from touchline.simulation.rendering.casting import CAST_ROWS, cast_rays
-from touchline.simulation.rendering.paint import build_paint, paint_at
-from touchline.simulation.world.hall import default_world
-from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window
-from touchline.simulation.world.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState
+from touchline_lab.simulation.cameras.base import Motion, field_from_body
+from touchline_lab.simulation.cameras.mirror import solve_mirror, tangent_range
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera
+from touchline_lab.simulation.rendering.casting import CAST_ROWS, cast_rays
+from touchline_lab.simulation.rendering.paint import build_paint, paint_at
+from touchline_lab.simulation.world.hall import default_world
+from touchline_lab.simulation.world.lights import Lamp, LightChange, Lights, Window
+from touchline_lab.simulation.world.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState
 
 Camera = SimulatedOmniCamera | SimulatedPerspectiveCamera
 POSE = Pose(-1.3, 0.8, 0.4)

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from touchline.simulation.cameras.base import field_from_body
-from touchline.simulation.rendering.casting import CAST_ROWS, cast_rays
-from touchline.simulation.rendering.rendering import RayGrid, Renderer, sample_rays
-from touchline.simulation.rendering.scene import Scene
-from touchline.simulation.rendering.solids import (
+from touchline_lab.simulation.cameras.base import field_from_body
+from touchline_lab.simulation.rendering.casting import CAST_ROWS, cast_rays
+from touchline_lab.simulation.rendering.rendering import RayGrid, Renderer, sample_rays
+from touchline_lab.simulation.rendering.scene import Scene
+from touchline_lab.simulation.rendering.solids import (
     BOTTOM,
     COLUMNS,
     CYLINDER,
@@ -22,9 +22,9 @@ from touchline.simulation.rendering.solids import (
     TOP,
     sort_into_cells,
 )
-from touchline.simulation.rendering.tracing import Ray, net_ratio
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline_lab.simulation.rendering.tracing import Ray, net_ratio
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 WINDOWS = {"match": (slice(60, 200), slice(140, 340)), "humanoid-walk": (slice(160, 300), slice(280, 480))}
 

@@ -14,11 +14,11 @@ import pytest
 from touchline.camera import OmniCamera, open_camera
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.simulation.cameras.image_sensor import ImageSensor, noise_numbers
-from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
-from touchline.simulation.world.hall import default_world
-from touchline.simulation.world.world import PAINTS, RobotActor, WorldState
+from touchline_lab.simulation.cameras.image_sensor import ImageSensor, noise_numbers
+from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera
+from touchline_lab.simulation.world.hall import default_world
+from touchline_lab.simulation.world.world import PAINTS, RobotActor, WorldState
 
 FLAT = ImageSensor(optics_blur_sigma_px=0.0, white_balance_rgb=(1.0, 1.0, 1.0))
 

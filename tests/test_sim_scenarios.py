@@ -11,15 +11,15 @@ from line_profiles import line_offsets, projected_lines
 from simulated import NAMES, content, errors_of, shortened
 
 from touchline.geometry import Pose
-from touchline.simulation.cameras.perspective import SimulatedPerspectiveCamera
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario, scenario_names
-from touchline.simulation.stage import body_parts, body_size
-from touchline.simulation.world.world import RobotActor, robot_blocks
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario, scenario_names
+from touchline_lab.simulation.stage import body_parts, body_size
+from touchline_lab.simulation.world.world import RobotActor, robot_blocks
 
 HUMANOID = ("chessboard", "humanoid-fisheye", "humanoid-walk", "walk-in-place")
 

@@ -11,11 +11,11 @@ import pytest
 import yaml
 from simulated import errors_of, shortened, table
 
-from touchline.calibration.mirror import calibrate_mirror
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import MirrorSettings, open_scenario
+from touchline.published.strip.mirror import calibrate_mirror
 from touchline.sources import open_source
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import MirrorSettings, open_scenario
 
 CALIBRATIONS = ("calibration-strip", "chessboard", "marked-points", "walk-in-place")
 

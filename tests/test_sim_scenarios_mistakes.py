@@ -12,11 +12,11 @@ from simulated import NAMES, content, scenario_file, shortened
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.field import open_field
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import Scenario, open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Frame
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import Scenario, open_scenario
 
 
 class TestMistakes:

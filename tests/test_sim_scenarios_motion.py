@@ -12,8 +12,8 @@ from simulated import scenario_file, shortened
 
 from touchline.errors import InputError
 from touchline.geometry import Pose, wrap_angle
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 
 class TestMotions:

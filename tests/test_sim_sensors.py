@@ -10,8 +10,8 @@ from simulated import standing_track
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.robot.noise import PlaceDisturbance
-from touchline.simulation.robot.sensors import (
+from touchline_lab.simulation.robot.noise import PlaceDisturbance
+from touchline_lab.simulation.robot.sensors import (
     SENSOR_PERIOD_S,
     ImuNoise,
     OdometryNoise,
@@ -26,7 +26,7 @@ from touchline.simulation.robot.sensors import (
     simulate_wheels,
     wheels_from_body,
 )
-from touchline.simulation.robot.track import STEP_S, Track, poses_from_twists, twists_between
+from touchline_lab.simulation.robot.track import STEP_S, Track, poses_from_twists, twists_between
 
 SILENT_ODOMETRY = OdometryNoise(
     scale_error=0.0, scale_spread=0.0, wheel_scale=0.0, travel_noise_m=0.0, travel_noise_rad=0.0, turn_noise_rad=0.0

@@ -7,9 +7,9 @@ import numpy.typing as npt
 import pytest
 
 from touchline.geometry import FloatArray
-from touchline.simulation.cameras.image_sensor import ImageSensor
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline_lab.simulation.cameras.image_sensor import ImageSensor
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 PLAIN = ("others.robots=0", "others.balls=0", "clutter=false", "motion.kind=stand", "disturbances.shove_every_s=0")
 

@@ -15,9 +15,6 @@ import touchline
 from touchline.api import prepare
 from touchline.checks.check import check_recording
 from touchline.errors import InputError
-from touchline.simulation.recording import write_recording
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import ProblemKind, Recording, open_source
 from touchline.sources.observations import HEADER, observation_rows
 from touchline.types import (
@@ -30,6 +27,9 @@ from touchline.types import (
     points_at,
 )
 from touchline.view.look import look_at_recording
+from touchline_lab.simulation.recording import write_recording
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 SEQUENCE = "format: 1\nfield: msl-18x12\ncamera: none\nrate_hz: 10\n"
 

@@ -10,10 +10,10 @@ import pytest
 from conftest import FULL_DATA
 
 from touchline.camera import GroundView, PinholeCamera
-from touchline.experiments import EXPERIMENTS
-from touchline.experiments.photographs import KNOWN_M, LABELS, aside, measured, pose_of_labels
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
+from touchline_lab.experiments import EXPERIMENTS
+from touchline_lab.experiments.photographs import KNOWN_M, LABELS, aside, measured, pose_of_labels
 
 PHOTOGRAPHS = FULL_DATA / "real" / "spl_photos"
 GOAL_FRAMES = Path(__file__).parent / "data" / "spl_goal_frames.csv"

@@ -11,26 +11,26 @@ from line_scenes import view as points_seen
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.published.nubot import failure
-from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.failure import FailureMonitor, FailureSettings
-from touchline.localization.published.nubot.global_localizer import Localization, Prediction
-from touchline.localization.published.nubot.global_search import GlobalSearch, GlobalSearchSettings
-from touchline.localization.published.nubot.grid_localizer import GridLocalizer
-from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.particle_localizer import (
+from touchline.localization.registration.covariance import is_one_line
+from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.motion import Motion, MotionHistory
+from touchline.published.nubot import failure
+from touchline.published.nubot.compass_correction import CompassCorrection
+from touchline.published.nubot.failure import FailureMonitor, FailureSettings
+from touchline.published.nubot.global_localizer import Localization, Prediction
+from touchline.published.nubot.global_search import GlobalSearch, GlobalSearchSettings
+from touchline.published.nubot.match_input import MatchInput, refine_with_tilt
+from touchline.published.nubot.matcher import Matcher
+from touchline.published.nubot.pose_filter import Fusion
+from touchline.published.nubot.tracker import MAX_UNSETTLED, Tracker
+from touchline.published.nubot_mcl.particle_localizer import (
     ParticleFollower,
     ParticleLocalizer,
     ParticleSearch,
     ParticleSearchSettings,
 )
-from touchline.localization.published.nubot.particles import NubotParticles
-from touchline.localization.published.nubot.pose_filter import Fusion
-from touchline.localization.published.nubot.tracker import MAX_UNSETTLED, Tracker
-from touchline.localization.registration.covariance import is_one_line
-from touchline.localization.registration.learned_mirror import LearnedMirror
-from touchline.motion import Motion, MotionHistory
+from touchline.published.nubot_mcl.particles import NubotParticles
+from touchline.published.nubot_mti.grid_localizer import GridLocalizer
 from touchline.types import Frame, LinePoints, Prior, Samples
 
 FIELD = open_field("msl-18x12")

@@ -13,15 +13,15 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.published.nubot.belief import Belief
-from touchline.localization.published.nubot.global_localizer import Localization
-from touchline.localization.published.nubot.matcher import Match
-from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.motion.compass import COMPASS_FALSE
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.published.nubot.belief import Belief
+from touchline.published.nubot.global_localizer import Localization
+from touchline.published.nubot.matcher import Match
+from touchline.published.nubot.pose_filter import PoseFilter
 from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_system
 from touchline.types import Frame, Prior, Status
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 every_system = pytest.mark.parametrize("name", SYSTEMS)
 MAX_STEP = 15

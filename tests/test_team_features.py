@@ -16,8 +16,6 @@ from team_writing import BOOSTER_TYPES, SOCCER_VISION_TYPES, TeamMessages
 
 from touchline.checks.late_odometry import _redealt, find_late
 from touchline.errors import InputError
-from touchline.experiments.drives import Drive
-from touchline.experiments.schulz_runs import AS_BUILT, walk
 from touchline.geometry import Pose3
 from touchline.sources import Recording, open_source
 from touchline.sources.bags import roles
@@ -32,6 +30,8 @@ from touchline.sources.bags.writing import McapWriter
 from touchline.sources.observations import observation_of
 from touchline.sources.problems import ProblemLog
 from touchline.types import Crossings, Landmarks, Lines, Observation, generic_covariances
+from touchline_lab.experiments.drives import Drive
+from touchline_lab.experiments.schulz_runs import AS_BUILT, walk
 
 FIELD = "hsl-s-9x6"
 SECOND_NS = 1_000_000_000

@@ -12,9 +12,6 @@ import numpy as np
 import pytest
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.drives import Drive
-from touchline.experiments.injections import FALL_S, fallen
-from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, IntArray, Pose, wrap_angle
@@ -34,14 +31,17 @@ from touchline.motion import LeanFilter
 from touchline.motion.delayed import Delayed
 from touchline.motion.driven import Scales
 from touchline.motion.odometry import Motion
-from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
-from touchline.simulation.observation.features import leaning
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status, no_landmarks
+from touchline_lab.experiments.drives import Drive
+from touchline_lab.experiments.injections import FALL_S, fallen
+from touchline_lab.experiments.schulz_runs import with_false_crossings
+from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES
+from touchline_lab.simulation.observation.features import leaning
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario
 
 COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
 HEIGHT_M = PINHOLE_FEATURES.height_m

@@ -13,10 +13,7 @@ import numpy as np
 import pytest
 
 from touchline.errors import InputError
-from touchline.evaluation.points.point_set import polar_covariances
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.kidnap import BEFORE, Carried
-from touchline.experiments.scenes import the_camera
 from touchline.field import FieldModel, open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -35,6 +32,9 @@ from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
+from touchline_lab.experiments.kidnap import BEFORE, Carried
+from touchline_lab.experiments.scenes import the_camera
+from touchline_lab.points.point_set import polar_covariances
 
 FIELD = open_field("msl-18x12")
 

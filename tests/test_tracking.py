@@ -13,20 +13,20 @@ from line_scenes import lone_line, view
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.published.nubot.compass_correction import CompassCorrection, CompassSettings
-from touchline.localization.published.nubot.match_input import MatchInput
-from touchline.localization.published.nubot.matcher import Match, Matcher
-from touchline.localization.published.nubot.pose_filter import (
+from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import WeightSettings, range_weights
+from touchline.motion.driven import Scales
+from touchline.published.nubot.compass_correction import CompassCorrection, CompassSettings
+from touchline.published.nubot.match_input import MatchInput
+from touchline.published.nubot.matcher import Match, Matcher
+from touchline.published.nubot.pose_filter import (
     BETTER_MARGIN,
     Fusion,
     FusionSettings,
     PoseFilter,
     equal_error,
 )
-from touchline.localization.published.nubot.tracker import Tracker
-from touchline.localization.registration.learned_mirror import LearnedMirror
-from touchline.localization.registration.weights import WeightSettings, range_weights
-from touchline.motion.driven import Scales
+from touchline.published.nubot.tracker import Tracker
 from touchline.types import points_at
 
 FIELD = open_field("msl-18x12")

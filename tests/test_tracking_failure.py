@@ -7,9 +7,9 @@ import math
 import pytest
 
 from touchline.geometry import wrap_angle
-from touchline.localization.published.nubot import compass_correction, failure
-from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.failure import FailureDetector, FailurePaper, FailureSettings
+from touchline.published.nubot import compass_correction, failure
+from touchline.published.nubot.compass_correction import CompassCorrection
+from touchline.published.nubot.failure import FailureDetector, FailurePaper, FailureSettings
 
 PAPERS_RULE = FailureSettings(paper=FailurePaper(single_criterion_failure=False))
 

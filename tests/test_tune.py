@@ -15,14 +15,14 @@ from fakes import FakeSource, FakeSystem, true_samples, write_recording
 from touchline.cli import main
 from touchline.config import load_settings
 from touchline.errors import InputError
-from touchline.evaluation.tuning import Dimension, Search, Task, dimension_from_text, score_of, tasks_on, tune
-from touchline.evaluation.tuning.result import best_file, judge, trials_figure, trials_table
-from touchline.evaluation.tuning.search import best_of
-from touchline.evaluation.tuning.trial import MAX_M, Score, Trial, base_of, mean_score, scored, settings_of
 from touchline.evaluation.workers import Here, open_workers
+from touchline.published.nubot_mti.system import NubotMtiSettings
 from touchline.sources import Truth
-from touchline.systems.nubot_mti import NubotMtiSettings
 from touchline.systems.ordered import OrderedSystem
+from touchline_lab.tuning import Dimension, Search, Task, dimension_from_text, score_of, tasks_on, tune
+from touchline_lab.tuning.result import best_file, judge, trials_figure, trials_table
+from touchline_lab.tuning.search import best_of
+from touchline_lab.tuning.trial import MAX_M, Score, Trial, base_of, mean_score, scored, settings_of
 
 SYSTEM, SCENARIO = "nubot-mti", "straight-tracks"
 SPACE = ("matching.c_m=0.05:0.6:log", "matching.iterations=2:30")

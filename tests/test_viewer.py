@@ -24,9 +24,9 @@ from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.live.heard import Picture, Reading
 from touchline.live.udp import UdpRobot
+from touchline.published.nubot_mcl.system import NubotMcl
 from touchline.sources import open_source
 from touchline.systems import open_system
-from touchline.systems.nubot_mcl import NubotMcl
 from touchline.types import Estimate, Frame, Hypothesis, Status
 from touchline.view.viewer import LatestShown, RunView, open_screen
 from touchline.view.viewer.run_view import covariance_ellipse

@@ -23,9 +23,9 @@ from touchline.motion import gyro as gyro_module
 from touchline.motion.gyro import NOISE_RAD
 from touchline.motion.wheel_odometry import Rolled, RollStep
 from touchline.motion.wheel_pair import WheelPair
+from touchline.published.iris_fusion.system import IrisFusion
 from touchline.sources import open_source
 from touchline.sources.description import wheel_directions_rad
-from touchline.systems.iris_fusion import IrisFusion
 from touchline.types import Frame, Samples
 
 MS = 1_000_000

@@ -19,9 +19,9 @@ from touchline.api import prepare
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation.runner import robot_setup
+from touchline.published.nimbro_lines.system import NimbroLines
 from touchline.sources import open_source
 from touchline.systems import paper_settings
-from touchline.systems.nimbro_lines import NimbroLines
 
 FRAMES = 5
 NO_LEAN = "nothing tells how the camera leans at this image"

@@ -12,7 +12,7 @@ import booster
 import pytest
 
 from touchline.cli import main
-from touchline.experiments.schulz_runs import AS_BUILT, walk
+from touchline_lab.experiments.schulz_runs import AS_BUILT, walk
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = ("tutorial-mirror", "tutorial-humanoid", "tutorial-own-detector", "tutorial-match")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from touchline.experiments.benchmark.leaderboard import (
+from touchline_lab.bench.leaderboard import (
     cm,
     number,
     percent,
@@ -16,10 +16,10 @@ from touchline.experiments.benchmark.leaderboard import (
     rows_of,
     systems_of,
 )
-from touchline.experiments.benchmark.runs import Scored, by_row, read_results
-from touchline.experiments.benchmark.scoring import row_figures
-from touchline.experiments.benchmark.suite import TRACKS, open_suite
-from touchline.experiments.scenes import new_figure, robot_dots
+from touchline_lab.bench.runs import Scored, by_row, read_results
+from touchline_lab.bench.scoring import row_figures
+from touchline_lab.bench.suite import TRACKS, open_suite
+from touchline_lab.experiments.scenes import new_figure, robot_dots
 
 DOCS = Path(__file__).parents[1]
 BEGIN, END = "<!-- drawn from the files of results -->", "<!-- end of what is drawn -->"

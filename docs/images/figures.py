@@ -21,18 +21,18 @@ import numpy as np
 
 import touchline
 from touchline.evaluation.latency import cpu_name
-from touchline.evaluation.points.bench import bench_points
-from touchline.evaluation.points.localizers import point_localizer
-from touchline.evaluation.points.point_set import PointSet, read_point_set
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.bound import mean_errors
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
+from touchline_lab.points.bench import bench_points
+from touchline_lab.points.localizers import point_localizer
+from touchline_lab.points.point_set import PointSet, read_point_set
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs" / "benchmark" / "figures.json"
-SPEED = FILE.with_name("speed.json")  # written by benchmarks/speed.py
+SPEED = FILE.with_name("speed.json")  # written by lab/benchmarks/speed.py
 WAITING = {
     "demo": ("first `touchline demo` in an empty cache, processor time", "s", 1.0, "≤ 0.5 ×"),
     "compile": ("`touchline compile`, processor time", "s", 1.0, "≤ 0.5 ×"),

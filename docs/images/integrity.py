@@ -16,14 +16,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from touchline.evaluation.protection import ALERT_LIMIT_M, draw_stanford
-from touchline.experiments import schulz_runs as humanoids
-from touchline.experiments.drives import Drive, driven, track_of
+from touchline.evaluation.protection import ALERT_LIMIT_M
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.palette import BLACK, BLUE, ORANGE, VERMILLION
 from touchline.systems import open_system
 from touchline.types import Estimate, Frame, Observation, Prior, Samples, points_at
+from touchline_lab.experiments import schulz_runs as humanoids
+from touchline_lab.experiments.drives import Drive, driven, track_of
+from touchline_lab.stanford import draw_stanford
 
 SYSTEM = "touchline"
 SEED, SECONDS, BEGIN_S = 3000, 20.0, 8.0

@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from touchline.experiments.drives import driven
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.compass_fault import CompassFaultFilter
@@ -24,6 +23,7 @@ from touchline.palette import BLUE, GREEN, ORANGE, VERMILLION
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints, Prior
+from touchline_lab.experiments.drives import driven
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "omni_msl_track_short"
 FRAME = 20  # the image of the first two pictures

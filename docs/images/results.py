@@ -14,8 +14,8 @@ from pathlib import Path
 
 import cv2
 
-from touchline.experiments import EXPERIMENTS
-from touchline.experiments.harness import PAGE
+from touchline_lab.experiments import EXPERIMENTS
+from touchline_lab.experiments.harness import PAGE
 
 DOCS = Path(__file__).parents[1]
 PICTURES = DOCS / "images" / "results"

@@ -7,8 +7,8 @@ import sys
 import cv2
 import numpy as np
 
-from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario, scenario_names
+from touchline_lab.simulation.run import Simulation
+from touchline_lab.simulation.scenario import open_scenario, scenario_names
 
 COLUMNS, WIDTH, HEIGHT, TITLE = 4, 414, 264, 22
 SHOWN_AT_S = {

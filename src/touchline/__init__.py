@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from touchline.geometry import Pose
     from touchline.localization.one_shot.locate import locate
     from touchline.localizer import Localizer
-    from touchline.simulation.run import Simulation
-    from touchline.simulation.scenario import open_scenario
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system
     from touchline.types import (
@@ -52,13 +50,11 @@ __all__ = [
     "Prior",
     "RobotSetup",
     "Samples",
-    "Simulation",
     "Status",
     "evaluate",
     "locate",
     "open_camera",
     "open_field",
-    "open_scenario",
     "open_source",
     "open_system",
     "run",
@@ -71,11 +67,9 @@ _MODULES = {
     "locate": "localization.one_shot.locate",
     "open_camera": "camera",
     "open_field": "field",
-    "open_scenario": "simulation.scenario",
     "open_source": "sources",
     "open_system": "systems",
     "RobotSetup": "systems",
-    "Simulation": "simulation.run",
     "Pose": "geometry",
 }  # all others: types
 

@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from touchline.systems import (
     open_system,
     system_info,
 )
-from touchline.systems.nimbro_lines import CAMERA_HEIGHT_M
+from touchline.systems.setup import CAMERA_HEIGHT_M
 from touchline.types import Prior, Status
 from touchline.view.belief import particles_of
 
@@ -111,7 +111,7 @@ class PreparedRun:
         Returns the run, and the exception that ended it, if one did. Raises TouchlineError, with the file's name, for
         what cannot be written; what was written before stays whole.
         """
-        started = datetime.now(UTC).isoformat(timespec="seconds")
+        started = datetime.now(timezone.utc).isoformat(timespec="seconds")
         description = self._description(started)
         with RunFolder(folder, description) as rows:
             rows.sync(RunTally().summary())

@@ -5,7 +5,6 @@ light has changed, and the settings are searched again. Meanwhile the robot has 
 """
 
 import math
-from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +14,7 @@ from touchline.camera.base import Camera
 from touchline.camera.exposure_search import EntropySearch, PathSettings, SearchSettings, Tried
 from touchline.camera.omni import require_omni
 from touchline.config import Settings, added
+from touchline.enums import StrEnum
 from touchline.errors import InputError
 from touchline.geometry import BoolArray, FloatArray
 from touchline.types import ImageArray

@@ -14,7 +14,6 @@ from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.sources.observations import OBSERVATIONS
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.nimbro_lines import NimbroLines
 from touchline.types import Status
 
 _SYSTEM = "nimbro-lines"
@@ -31,7 +30,6 @@ def check_features(survey: Survey) -> Iterator[Finding]:
     if (camera is None and not own) or (own and survey.seen["point"]) or survey.field is None:
         return  # line points are another check's
     system = open_system(_SYSTEM, RobotSetup(survey.field, camera))
-    assert isinstance(system, NimbroLines)
     looked, residuals_m, unseen = 0, [], Counter[str]()
     for frame in recording.again():
         if looked == _MAX_FRAMES:
@@ -57,7 +55,7 @@ def check_features(survey: Survey) -> Iterator[Finding]:
         return
     yield from _fit(residuals_m, looked, own)
     if not own and residuals_m:
-        yield from _askew(np.degrees(system.tracker.filter.lean))
+        yield from _askew(np.degrees(getattr(system, "camera_lean", np.zeros(2))))
 
 
 def _fit(residuals_m: list[float], looked: int, own: bool) -> Iterator[Finding]:

@@ -1,7 +1,8 @@
 """What `touchline check` found: how bad, where, what, and what to do about it."""
 
 from dataclasses import dataclass
-from enum import StrEnum
+
+from touchline.enums import StrEnum
 
 
 class Severity(StrEnum):

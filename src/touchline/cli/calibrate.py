@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from touchline.cli.calibrate_lines import calibrate_lines
 from touchline.cli.calibrate_perspective import calibrate_camera, calibrate_imu
 from touchline.cli.calibrate_self import calibrate_self
-from touchline.cli.console import warn
-from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, print_lines, write_pair
+from touchline.cli.new_pair import (
+    CAMERA_ENDINGS,
+    NewFile,
+    NewPicture,
+    calibration_of_a_paper,
+    new_files,
+    print_lines,
+    write_calibrated,
+)
 from touchline.cli.options import FollowLinks, SkipUnusable, check_handedness
 from touchline.errors import InputError
-from touchline.files.new import write_new_file
-
-if TYPE_CHECKING:
-    from touchline.calibration.mirror import MirrorCalibration
-    from touchline.calibration.range_pairs import RangePairs
-    from touchline.calibration.range_regression import RangeRegression
-
-_UNSURE_PX = 1.5  # of the centre: ranges to one side are 3 % off then
-_BAD_SHARE = 0.03  # of the range: more than a pixel's worth anywhere on the table
 
 calibrate_app = typer.Typer(
     help="Calibrate the mirror, its ranges, a perspective camera, its IMU or the colours.", no_args_is_help=True
@@ -46,21 +43,10 @@ def mirror(
 ) -> None:
     """Write a camera.yaml with ranges and bearings for every direction, from images of a strip of known edges."""
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    from touchline.calibration.mirror import calibrate_mirror
-    from touchline.calibration.strip_recording import camera_yaml
     from touchline.sources import open_source
-    from touchline.view.calibration import mirror_picture
 
-    source = open_source(recording, follow_links)
-    calibration = calibrate_mirror(source, skip_unusable, support)
-    for message in calibration.unusable:
-        warn(f"left out: {message}")
-    sighting = calibration.sightings[0]
-    image = source.image(sighting.index)
-    assert image is not None  # it was read a moment ago
-    words = _mirror_words(calibration, source.name)
-    drawn = mirror_picture(calibration, image, sighting)
-    write_pair(output, camera_yaml(calibration.camera, words), picture, drawn, words)
+    calibrate = calibration_of_a_paper("mirror")
+    write_calibrated(calibrate(open_source(recording, follow_links), skip_unusable, support), output, picture)
 
 
 calibrate_app.command("lines")(calibrate_lines)
@@ -97,28 +83,11 @@ def calibrate_range(
     """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
     check_handedness(handedness)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
-    from touchline.calibration.marks import first_image
-    from touchline.calibration.range_regression import fit_range
-    from touchline.calibration.strip_recording import camera_yaml
-    from touchline.view.range_figure import range_figure
-
-    regression = fit_range(pairs, degree)
-    deviation_px = regression.center_deviation_px()
-    if deviation_px > _UNSURE_PX and not keep_center:
-        raise InputError(
-            f"{source}: the pairs can't tell whether the centre {pairs.optics.center[0]:.1f}, "
-            f"{pairs.optics.center[1]:.1f} px is right, and each pixel that it is off makes the ranges to one side too "
-            "long: mark three directions or more all around, or take it as it is with --keep-center"
-        )
-    words = regression_words(regression)
-    write_new_file(output, camera_yaml(regression.camera(continued=True), f"{words}\n{regression.formula()}").encode())
-    drawn = io.BytesIO()
-    optics = pairs.optics
-    seen = first_image(pairs.folder, pairs.files, (optics.width, optics.height), follow_links)
-    range_figure(regression, seen).savefig(drawn, dpi=130, format=picture.suffix.lower().removeprefix("."))
-    write_new_file(picture, drawn.getvalue())
-    print_lines(words, output, picture)
+    found = calibration_of_a_paper("range")(
+        source, camera=camera, degree=degree, skip_unusable=skip_unusable, handedness=handedness,
+        keep_center=keep_center, follow_links=follow_links,
+    )  # fmt: skip
+    write_calibrated(found, output, picture)
 
 
 calibrate_app.command("self")(calibrate_self)
@@ -172,64 +141,3 @@ def colour(
         f"Of blue, yellow, orange, magenta and cyan learned: {coloured}; the usual ones stand for the rest."
     )
     print_lines(words, output, picture)
-
-
-def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
-    import math
-
-    camera, edges = calibration.camera, calibration.strip.edges_m
-    hidden = f"\n{calibration.filled} edges, hidden or spoilt, were taken from the other directions."
-    hidden = hidden if calibration.filled else ""
-    return (
-        f"Mirror calibrated without a model from {name}: {len(calibration.sightings)} images of {len(edges)} edges.\n"
-        f"Centre {camera.center[0]:.2f}, {camera.center[1]:.2f} px; "
-        f"{'mirrored' if camera.handedness < 0 else 'straight'} image; "
-        f"mounted at {math.degrees(camera.mount_yaw_rad):.2f}°; "
-        f"bearings agree to {math.degrees(calibration.bearing_error_rad):.2f}°.\n"
-        f"Known from edges between {edges[0]:g} and {edges[-1]:g} m; continued from {camera.range_m[:, 0].min():.2f} "
-        f"to {camera.range_m[:, -1].max():.1f} m.{hidden}"
-    )
-
-
-def _pairs(
-    source: Path, camera: Path | None, skip_unusable: bool, handedness: int | None, follow_links: bool
-) -> RangePairs:
-    if not source.exists():
-        raise InputError(f"{source}: there is no such recording or file of marks")
-    from touchline.calibration.range_pairs import marked_pairs, recording_pairs
-    from touchline.sources import is_recording, open_source
-
-    if is_recording(source) and camera is not None:
-        raise InputError("--camera is for a file of marks: a recording brings its own")
-    if is_recording(source):
-        return recording_pairs(open_source(source, follow_links), skip_unusable, handedness)
-    return marked_pairs(source, camera or source.parent / "camera.yaml", handedness)
-
-
-def regression_words(regression: RangeRegression) -> str:
-    """What was fitted to what, how well, and where it holds."""
-    import numpy as np
-
-    pairs, residuals_cm = regression.pairs, 100.0 * regression.residuals_m
-    camera, deviation_px = regression.camera(continued=True), regression.center_deviation_px()
-    turned = "straight" if camera.handedness > 0 else "mirrored"
-    words = (
-        f"Polynomial of degree {regression.degree} fitted to {pairs.origin}: residuals "
-        f"{np.sqrt(np.mean(residuals_cm**2)):.1f} cm (root mean square), {np.abs(residuals_cm).max():.1f} cm at most.\n"
-        f"Known from pairs between {pairs.range_m.min():g} and {pairs.range_m.max():g} m "
-        f"({regression.first_px:.0f} to {regression.last_px:.0f} px); continued from {camera.range_m.min():.2f} to "
-        f"{camera.range_m.max():.1f} m.\n"
-        f"{turned.capitalize()} image; mounted at {np.degrees(camera.mount_yaw_rad):.2f}°."
-    )
-    if deviation_px > _UNSURE_PX:
-        return f"{words}\nThe pairs can't tell the centre: it is taken as camera.yaml has it."
-    if np.abs(regression.residuals_m / pairs.range_m).max() > _BAD_SHARE:
-        words += "\nA polynomial follows this mirror badly; touchline calibrate mirror needs no formula."
-    off_u, off_v = regression.center_offset_px()
-    if np.hypot(off_u, off_v) > 1.0:
-        u, v = pairs.optics.center
-        words += (
-            f"\nThe pairs lie as if the centre were at {u + off_u:.1f}, {v + off_v:.1f} px instead of "
-            f"{u:.1f}, {v:.1f}: correct 'center' in camera.yaml and fit again."
-        )
-    return words

@@ -89,7 +89,7 @@ def _with_mirror(
     inputs: list[Path], field: FieldModel, handedness: int | None, mount_yaw: float, size: str | None
 ) -> tuple[str, str, ImageArray]:
     """camera.yaml, what to say, and the picture."""
-    from touchline.calibration.strip_recording import camera_yaml
+    from touchline.camera.writing import camera_yaml
 
     hand = handedness or 1
     if inputs[0].suffix.lower() == ".csv":

@@ -7,12 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
+from touchline.cli.new_pair import (
+    CAMERA_ENDINGS,
+    NewFile,
+    NewPicture,
+    calibration_of_a_paper,
+    new_files,
+    write_calibrated,
+    write_pair,
+)
 from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
-    from touchline.calibration.imu import ImuCalibration
     from touchline.calibration.perspective import Lens, PerspectiveCalibration
     from touchline.sources import Recording
 
@@ -88,26 +95,8 @@ def calibrate_imu(
 ) -> None:
     """Write a camera.yaml that corrects pixels by roll and pitch, learned while the robot walks in place."""
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    from dataclasses import replace
-
-    from touchline.calibration.imu import calibrate_imu as learn
-    from touchline.calibration.marks import MARKS, first_image, read_marks
-    from touchline.calibration.perspective import perspective_yaml
-    from touchline.camera import PinholeCamera, open_camera
-    from touchline.sources import open_source
-    from touchline.view.calibration import wander_picture
-
-    source = open_source(recording, follow_links)
-    before = source.camera if camera is None else open_camera(camera)
-    if not isinstance(before, PinholeCamera):
-        what = "looks at a mirror" if before.model == "omni" else "is a fisheye"
-        raise InputError(f"{recording}: its camera {what}; the IMU's correction is for pinhole cameras")
-    found = learn(source, before, paper)
-    words = imu_words(found)
-    text = perspective_yaml(replace(before, imu_correction=found.correction, use_attitude=True), words)
-    files = read_marks(source.file(MARKS)).files
-    seen = first_image(source.folder, files, (before.width, before.height), follow_links)
-    write_pair(output, text, picture, wander_picture(found, before, None if seen is None else seen[1]), words)
+    found = calibration_of_a_paper("imu")(recording, camera, paper=paper, follow_links=follow_links)
+    write_calibrated(found, output, picture)
 
 
 def camera_words(found: PerspectiveCalibration, marks: int) -> str:
@@ -126,23 +115,4 @@ def camera_words(found: PerspectiveCalibration, marks: int) -> str:
         f"roll {roll:.2f}°, pitch {pitch:.2f}°, yaw {yaw:.2f}°.\n"
         f"{marks} marks agree to {np.sqrt(np.mean(found.residuals_px**2)):.2f} px (root mean square), on the ground to "
         f"{100 * float(np.median(residuals_m)):.1f} cm (median)."
-    )
-
-
-def imu_words(found: ImuCalibration) -> str:
-    """What was learned from what, and what it is good for."""
-    upright = (
-        f"upright is the reading of the first {found.standing} images, in which the robot stands"
-        if found.standing
-        else "upright is the reading 0, for the robot never stands"
-    )
-    without = (
-        f", without {found.left_out} of {len(found.seen_px)} sightings, which fit far worse: look at the picture"
-        if found.left_out
-        else ""
-    )
-    return (
-        f"Learned from {found.marks} marks in {found.images} images: they wander by {found.before_px:.1f} px (root "
-        f"mean square) as the robot walks, by {found.after_px:.1f} px once corrected{without}.\n"
-        f"{upright[0].upper()}{upright[1:]}."
     )

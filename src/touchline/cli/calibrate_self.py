@@ -203,8 +203,8 @@ def _mirror(seen: _Seen) -> tuple[str, str, ImageArray]:
     """camera.yaml, what to say, and the picture."""
     from touchline.calibration.self_calibration import calibrate_self as fit
     from touchline.calibration.self_calibration import spread_views
-    from touchline.calibration.strip_recording import camera_yaml
     from touchline.camera import require_omni
+    from touchline.camera.writing import camera_yaml
     from touchline.view.calibration import self_picture
 
     if seen.camera is None:

@@ -2,33 +2,32 @@
 
 import os
 import sys
-from typing import Annotated
+import warnings
+from typing import Annotated, Any
 
 import typer
 
 from touchline.cli import (
-    bench,
     calibrate,
     check,
     convert,
     evaluate,
-    experiment,
     fields,
     live,
     locate,
     mark,
     run,
-    simulate,
     systems,
-    tune,
     view,
 )
 from touchline.cli.compile import compile_loops
-from touchline.cli.console import DEBUG_VARIABLE
+from touchline.cli.console import DEBUG_VARIABLE, warn
+from touchline.cli.plugin_commands import CommandGroup
 from touchline.cli.viewer import ViewCommand
 from touchline.packed_loops import take_packed_loops
 
 app = typer.Typer(
+    cls=CommandGroup,
     help="Tells a soccer robot where it stands on the field, from the white lines it sees.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -43,15 +42,11 @@ app.command("compare")(evaluate.compare)
 app.command("check")(check.check)
 app.command("view", cls=ViewCommand)(view.view)
 app.command("mark")(mark.mark)
-app.command("simulate")(simulate.simulate)
 app.command("convert")(convert.convert)
 app.command("live", cls=ViewCommand)(live.live)
 app.command("play")(live.play)
-app.command("experiment")(experiment.experiment)
-app.command("tune")(tune.tune)
 app.command("systems")(systems.systems)
 app.command("compile")(compile_loops)
-app.add_typer(bench.bench_app, name="bench")
 app.add_typer(fields.fields_app, name="fields")
 app.add_typer(calibrate.calibrate_app, name="calibrate")
 
@@ -67,6 +62,10 @@ def _show_version(asked: bool) -> None:
         raise typer.Exit
 
 
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    warn(str(message))
+
+
 @app.callback()
 def _options(
     debug: Annotated[
@@ -76,6 +75,7 @@ def _options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
+    warnings.showwarning = _show_warning
     if debug:
         os.environ[DEBUG_VARIABLE] = "1"
     if not {"-h", "--help"} & set(sys.argv):  # which needs no Numba

@@ -17,6 +17,7 @@ from touchline.cli.console import errors_console, say
 from touchline.compiling import without_c_wrappers
 from touchline.messages import counted
 from touchline.packed_loops import packed_loops_taken, take_packed_loops
+from touchline.plugins import entry_points_of
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -26,11 +27,8 @@ if TYPE_CHECKING:
 
 
 def compile_loops(
-    simulator: Annotated[
-        bool, typer.Option("--simulator", help="Those of the simulator's renderer, too: half a minute more.")
-    ] = False,
     everything: Annotated[
-        bool, typer.Option("--all", help="Those of the simulator and of the calibrations, too: a minute more.")
+        bool, typer.Option("--all", help="Those of the calibrations and of other packages, too: a minute more.")
     ] = False,
 ) -> None:
     """Compile the inner loops of every system once, so that no later start waits for it; for installers and images.
@@ -50,8 +48,9 @@ def compile_loops(
         ("locate", _locate_example),
         ("check", _check_example),
     ]
-    steps += [("simulator", _render_example)] if simulator or everything else []
-    steps += [("calibrations", _calibrate_example)] if everything else []
+    if everything:
+        steps += [("calibrations", _calibrate_example)]
+        steps += [(name, entry.load()) for name, entry in entry_points_of("touchline.loops").items()]
     compiled = 0
     for number, (name, example) in enumerate(steps, 1):
         started = time.perf_counter()
@@ -253,15 +252,6 @@ def _view() -> FloatArray:
     lines = np.vstack(list(open_field("msl-18x12").polylines(0.1)))
     seen = Pose(2.0, 1.0, 0.3).inverse().transform(lines)
     return np.ascontiguousarray(seen[np.hypot(*seen.T) < 5.0])
-
-
-def _render_example() -> None:
-    from touchline.simulation.run import Simulation
-    from touchline.simulation.scenario import open_scenario
-
-    for name in ("match", "humanoid-walk"):
-        for level in ("images", "points"):
-            next(iter(Simulation(open_scenario(name, 0, 0.5), level)))
 
 
 def _calibrate_example() -> None:

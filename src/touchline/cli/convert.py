@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +12,7 @@ import typer
 
 from touchline.cli.console import errors_console, say, warn
 from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, FromZero, Topics, bag_options
+from touchline.enums import StrEnum
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
 from touchline.messages import counted

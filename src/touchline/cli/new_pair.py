@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import say
+from touchline.cli.console import say, warn
 from touchline.errors import InputError
 from touchline.files.new import check_new_file, write_new_file
 
 if TYPE_CHECKING:
+    from touchline.calibration.calibrated import Calibrated
     from touchline.types import ImageArray
 
 NewFile = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.")]
@@ -44,6 +46,21 @@ def new_files(output: Path, endings: tuple[str, ...], what: str, picture: Path |
 def print_lines(words: str, *files: Path) -> None:
     """What was found, and which files were written."""
     say(words, *(f"written: {file}" for file in files))
+
+
+def calibration_of_a_paper(name: str) -> Callable[..., Calibrated]:
+    """A calibration that an installed package brings as `NAME` of the entry points `touchline.calibrations`."""
+    from touchline.plugins import entry_points_of
+
+    found: Callable[..., Calibrated] = entry_points_of("touchline.calibrations")[name].load()
+    return found
+
+
+def write_calibrated(found: Calibrated, output: Path, picture: Path) -> None:
+    """Write a calibration's two files, and say what was found and left out."""
+    for message in found.left_out:
+        warn(f"left out: {message}")
+    write_pair(output, found.text, picture, found.picture, found.words)
 
 
 def write_pair(output: Path, text: str, picture: Path, drawn: ImageArray, words: str) -> None:

@@ -8,9 +8,10 @@ position without them has a row of its own.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
+from typing_extensions import Self
 
 from touchline.errors import InputError
 from touchline.evaluation.protection import ALERT_LIMIT_M, ALERT_LIMIT_RAD, ProtectionStatistics, protection_text

@@ -22,7 +22,8 @@ import os
 import select
 import shlex
 import subprocess
-from typing import Self
+
+from typing_extensions import Self
 
 from touchline.errors import InputError, TouchlineError
 from touchline.field import FieldModel

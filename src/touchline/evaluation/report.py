@@ -2,7 +2,6 @@
 
 import base64
 import html
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -15,7 +14,6 @@ import numpy as np
 from touchline.config import leaves
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
-from touchline.evaluation.protection import stanford_diagram
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.runner import Thumbnail, said_text
@@ -68,7 +66,6 @@ def write_report(
         _key_figures(summary, errors, data),
         _time_section(data, bool(thumbnails)) if shows_time else "",
         _error_table(errors, summary, data),
-        _protection(data),
         _latency(data, summary),
         _gallery(pictures),
         _said(summary),
@@ -244,19 +241,6 @@ def _of_the_curves(data: RunData) -> str:
     if data.table.statistics:
         said += " Consistency: how far sensors and field contradict each other; from 1 on it is an alarm."
     return said
-
-
-def _protection(data: RunData) -> str:
-    """The Stanford diagram, where the truth and protection levels are known."""
-    bounded = data.bounded_errors()
-    if bounded is None:
-        return ""
-    drawn = io.BytesIO()
-    stanford_diagram(*bounded)[0].savefig(drawn, dpi=110, format="png", metadata={"Software": None})
-    image = f"<img alt='Stanford diagram: error against protection level' src='{_source('png', drawn.getvalue())}'>"
-    caption = "Shade: how many images; dots: single images whose error is larger than their protection level."
-    figure = f"<figure class='histogram'>{image}<figcaption>{caption}</figcaption></figure>"
-    return f"<section><h2>Protection level</h2>{figure}</section>"
 
 
 def _source(kind: str, data: bytes) -> str:

@@ -11,7 +11,9 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self, cast
+from typing import Any, BinaryIO, cast
+
+from typing_extensions import Self
 
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.estimates import csv_row, header

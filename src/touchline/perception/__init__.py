@@ -2,7 +2,6 @@
 
 from touchline.perception.detector import Detector, observe
 from touchline.perception.detectors import detector_for
-from touchline.perception.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
 from touchline.perception.line_graph.detector import LineGraphDetector
 from touchline.perception.line_graph.patches import line_graph_detector
 from touchline.perception.line_graph.settings import LineGraphSettings
@@ -11,9 +10,6 @@ from touchline.perception.self_learning import LearningSettings, SelfLearningDet
 
 __all__ = [
     "Detector",
-    "HsvLineDetector",
-    "HsvLinePaper",
-    "HsvLineSettings",
     "LearningSettings",
     "LineGraphDetector",
     "LineGraphSettings",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
+
+from touchline.enums import StrEnum
 
 KEPT_PER_KIND = 100  # enough to read; the counts go on, the memory does not
 

@@ -1,130 +1,77 @@
-"""The localization systems by name."""
+"""The localization systems by name: our own, and those that packages bring as entry points `touchline.systems`."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections import UserDict
+from collections.abc import ItemsView, Mapping, ValuesView
+from importlib.metadata import EntryPoint
+from typing import Any
 
 import numpy as np
 
-from touchline.camera import MODELS, PERSPECTIVE_MODELS
+from touchline.camera import MODELS
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.given import given_name, given_seed
 from touchline.messages import did_you_mean
-from touchline.motion import MotionHistory
-from touchline.perception import Detector
-from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
-from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
-from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
-from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
-from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
+from touchline.plugins import entry_points_of, load
+from touchline.systems.info import LocalizationSystem, Needs, SystemInfo
 from touchline.systems.setup import RobotSetup, as_setup
 from touchline.systems.touchline import Touchline, TouchlineSettings
-from touchline.types import System
-
-
-class LocalizationSystem(System, Protocol):
-    """A system of this package: what it sees with can be looked at, too."""
-
-    @property
-    def detector(self) -> Detector | None:
-        """Image -> observation; None without a camera."""
-        ...
-
-    @property
-    def history(self) -> MotionHistory:
-        """What it remembers of the robot's motion."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Needs:
-    """The sensors that a system measures with beside camera and compass, by their names in `Frame`.
-
-    purpose: what they are for, as in "NAME measures its way". stand_in: the sensor that takes their place where one of
-    them is missing; without: what happens if that is missing, too.
-    """
-
-    purpose: str
-    sensors: tuple[str, ...]
-    stand_in: str
-    without: str
-
-
-@dataclass(frozen=True, slots=True)
-class SystemInfo:
-    """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
-
-    needs: sensors whose absence is reported to the user. cameras: the camera models in whose images it can see.
-    """
-
-    name: str
-    description: str
-    settings: type[Settings]
-    factory: Callable[..., LocalizationSystem]
-    needs: Needs | None = None
-    cameras: tuple[str, ...] = ("omni",)
-
 
 DEFAULT_SYSTEM = "touchline"
-SYSTEMS = {
-    info.name: info
-    for info in (
-        SystemInfo(
-            "touchline",
-            "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
-            TouchlineSettings,
-            Touchline,
-            cameras=MODELS,
-        ),
-        SystemInfo(
-            "nubot-mti",
-            "compass heading, 315 grid samples, RPROP matching, Kalman fusion with odometry (Xiong et al.)",
-            NubotMtiSettings,
-            NubotMti,
-        ),
-        SystemInfo(
-            "nubot-mcl",
-            "600 particles find the robot; RPROP matching, Kalman fusion with odometry follow it (Lu et al. 2013)",
-            NubotMclSettings,
-            NubotMcl,
-        ),
-        SystemInfo(
-            "nubot-mcl-alone",
-            "600 particles find the robot and follow it without matching, to compare nubot-mcl with",
-            NubotMclAloneSettings,
-            NubotMclAlone,
-        ),
-        SystemInfo(
-            "iris-fusion",
-            "measuring wheels and gyro, 600 particles on an error map, fused in three modes (Ismail et al. 2021)",
-            IrisFusionSettings,
-            IrisFusion,
-            Needs(
-                "measures its way with two wheels and a gyro",
-                ("wheels", "gyro"),
-                "odometry",
-                "no motion is measured, poses come from the images alone",
-            ),
-        ),
-        SystemInfo(
-            "nimbro-lines",
-            "lines, crossings, posts of a walking robot's camera, augmented MCL (Schulz and Behnke 2012)",
-            NimbroLinesSettings,
-            NimbroLines,
-            cameras=PERSPECTIVE_MODELS,
-        ),
-    )
-}
+_OWN = SystemInfo(
+    DEFAULT_SYSTEM,
+    "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
+    TouchlineSettings,
+    Touchline,
+    cameras=MODELS,
+)
+
+
+class _Systems(UserDict[str, SystemInfo]):
+    """Systems by name; one of an entry point is imported when it is asked for, and left out if it cannot be."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        found = entry_points_of("touchline.systems")
+        self._entries: dict[str, EntryPoint] = {name: found[name] for name in found if name != DEFAULT_SYSTEM}
+        self.data = {DEFAULT_SYSTEM: _OWN, **dict.fromkeys(self._entries)}  # type: ignore[dict-item]
+
+    def __getitem__(self, name: str) -> SystemInfo:
+        entry = self._entries.pop(name, None)
+        if entry is not None:
+            info = load(entry, SystemInfo)
+            if info is None:
+                del self.data[name]
+                raise KeyError(name)
+            self.data[name] = info
+        return self.data[name]
+
+    def _load_all(self) -> None:
+        for name in list(self._entries):
+            self.get(name)
+
+    def items(self) -> ItemsView[str, SystemInfo]:
+        """Names and systems, all imported."""
+        self._load_all()
+        return super().items()
+
+    def values(self) -> ValuesView[SystemInfo]:
+        """The systems, all imported."""
+        self._load_all()
+        return super().values()
+
+
+SYSTEMS = _Systems()
 
 
 def system_info(name: str) -> SystemInfo:
     """The named system. Raises InputError with the nearest known name."""
     given_name("system", f"a name: {', '.join(SYSTEMS)}", name)
-    if name not in SYSTEMS:
+    info = SYSTEMS.get(name)
+    if info is None:
         raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")
-    return SYSTEMS[name]
+    return info
 
 
 def paper_settings(name: str, *changes: str) -> Settings:

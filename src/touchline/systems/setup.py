@@ -14,6 +14,7 @@ from touchline.localization.estimator.monitor import Monitor, NoMonitor
 from touchline.messages import did_you_mean
 
 _EXPECTED = "a RobotSetup, a field's name or a dict of field, camera, wheel_directions_rad, height_m"
+CAMERA_HEIGHT_M = 1.0  # where it is unknown: that of a robot between kid and adult size
 _MARGIN_M = 3.0  # a robot stands beside the field, a mirror leans, ranges are rough far away
 
 

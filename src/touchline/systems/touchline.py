@@ -34,7 +34,7 @@ from touchline.localization.estimator.sway_delay import SwayDelay, lean_by
 from touchline.localization.estimator.watch import PARTS, SECTOR_PARTS, FieldWatch
 from touchline.localization.estimator.whereabouts import LOST
 from touchline.localization.registration.covariance import ANYWHERE
-from touchline.localization.registration.feature_model import FeatureView
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView
 from touchline.localization.registration.seen import seen_of
 from touchline.localization.search.field_search import FieldSearch
 from touchline.localization.search.pose_search import Mode
@@ -139,6 +139,11 @@ class Touchline:
         self.relocation = Relocation(field)
         self.gaze = Gaze(field)
         self.reset()
+
+    @property
+    def feature_model(self) -> FeatureModel:
+        """The observation model by which features weigh a pose."""
+        return self.model
 
     def open_parts(self, errors: CameraErrors) -> None:
         """The parts that depend on the camera's errors."""

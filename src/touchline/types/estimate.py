@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
+from touchline.enums import StrEnum
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.messages import counted
 from touchline.types.drawing import estimate_html

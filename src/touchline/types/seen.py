@@ -8,15 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from enum import StrEnum
 from functools import cache
 from itertools import compress
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from typing_extensions import Self
 
+from touchline.enums import StrEnum
 from touchline.errors import InputError
 from touchline.geometry import BoolArray, FloatArray
 from touchline.given import refused

@@ -20,8 +20,6 @@ from touchline.localization.registration.features import FeaturePaper, Features
 from touchline.perception.feature_pictures import CROSSING_PAINT, LANDMARK_PAINT, LINE_PAINT, label, landmark_name
 from touchline.perception.stages import SHIFT, Legend, Paint, with_legend
 from touchline.systems import LocalizationSystem
-from touchline.systems.nimbro_lines import NimbroLines
-from touchline.systems.touchline import Touchline
 from touchline.types import Estimate, ImageArray, Observation, Status
 from touchline.view.overlay import LINE_COLOR
 
@@ -42,23 +40,21 @@ class Belief(NamedTuple):
 
 def particles_of(system: LocalizationSystem) -> FloatArray | None:
     """(N, 4) particles that features weigh: x, y (m), heading (rad), weight; None of a system that has none."""
-    if not isinstance(system, NimbroLines):
-        return None
-    particles = system.particles.particles
-    return np.column_stack((particles.poses, particles.weights))
+    return getattr(system, "weighed_poses", None)
 
 
 def belief_of(system: LocalizationSystem, field: FieldModel, seen: Observation) -> Belief | None:
     """What one observation alone says of the pose; None of a system without a model of features, and of no features."""
-    if not isinstance(system, NimbroLines | Touchline):
+    own: FeatureModel | None = getattr(system, "feature_model", None)
+    if own is None:
         return None
-    settings = system.features.settings
+    features: Features = system.features  # type: ignore[attr-defined]
+    settings = features.settings
     paper = FeaturePaper(covariances=False, oriented_t=settings.paper.oriented_t, marks=settings.paper.marks)
     settings = settings.model_copy(update={"paper": paper})
-    view = Features(system.features.associations, settings, system.features.height_m).of(seen)
+    view = Features(features.associations, settings, features.height_m).of(seen)
     if view.size == 0:
         return None
-    own = system.model if isinstance(system, Touchline) else system.particles.sensor_model
     model = FeatureModel(own.tables, own.lines, polar=True)
     half_x, half_y = 0.5 * field.length + _BEYOND_M, 0.5 * field.width + _BEYOND_M
     headings = 2.0 * math.pi * np.arange(_HEADINGS) / _HEADINGS - math.pi

@@ -1,8 +1,4 @@
-"""Pictures of calibrations.
-
-Of a mirror: the edges that were found (figure 2 of Lu et al., 2013) and what they make of the image. Of colours: an
-image, what the table makes of it, and the table itself in slices.
-"""
+"""Pictures of calibrations. Of colours: an image, what the table makes of it, and the table itself in slices."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,19 +6,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from touchline.calibration.imu import ImuCalibration
 from touchline.calibration.lines.calibration import LineCalibration
 from touchline.calibration.lines.equations import WIDTHS
 from touchline.calibration.lines.images import ImageCalibration
-from touchline.calibration.mirror import MirrorCalibration, Sighting
 from touchline.calibration.perspective import PerspectiveCalibration
 from touchline.calibration.self_calibration import SelfCalibration
 from touchline.camera import GroundView, OmniCamera, PinholeCamera
-from touchline.camera.model_free import range_image
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import BoolArray, FloatArray, Int32Array, Pose
-from touchline.palette import BLUE, ORANGE, VERMILLION, bgr
+from touchline.palette import BLUE, ORANGE, bgr
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import WHITE as IS_WHITE
 from touchline.perception.colour import ColourModel
@@ -30,77 +23,10 @@ from touchline.perception.line_graph.colour_classes import CLASSES, GREEN, OTHER
 from touchline.perception.line_graph.pictures import SHADES, UNCLASSIFIED
 from touchline.perception.stages import SHIFT, Paint, enlarged, fixed_point, titled, with_legend
 from touchline.types import ImageArray
-from touchline.view.birds_eye import birds_eye_image
 from touchline.view.overlay import LINE_COLOR, OFF_LINE_COLOR, ON_LINE_COLOR, draw_rated, projected_lines
 
-_MIRROR_SIDE = 900
-_PURPLE = (220, 60, 200)
-_PALE = (190, 190, 190)
 _COLOUR_SIDE = 640
 _SLICES = 16
-_LEVELS_M = (0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 9.0, 12.0)
-
-
-def mirror_picture(calibration: MirrorCalibration, image: ImageArray, sighting: Sighting) -> ImageArray:
-    """(S, 3 S, 3) BGR: the image of a sighting with its edges, all edges on the distance map, the image on the ground.
-
-    image: (H, W, 3) in which the sighting was made.
-    """
-    reach = 1.15 * float(calibration.strip.edges_m[-1])
-    view = GroundView(calibration.camera)
-    ground = birds_eye_image(image, view, reach_m=reach, pixels_per_m=round(_MIRROR_SIDE / 2.0 / reach))
-    _draw_true_edges(ground, calibration, sighting, reach)
-    panels = {
-        f"{sighting.name}: edges found": _with_edges(image, [sighting]),
-        f"distance map and all {len(calibration.sightings)} directions": _distance_panel(calibration),
-        "the same image laid out in metres; purple: true edges": ground,
-    }
-    return np.hstack([titled(panel, title, _MIRROR_SIDE) for title, panel in panels.items()])
-
-
-def _with_edges(image: ImageArray, sightings: list[Sighting]) -> ImageArray:
-    scale = _MIRROR_SIDE / max(image.shape[:2])
-    canvas = enlarged(image, scale)
-    for sighting in sightings:
-        for u, v in sighting.pixels[np.isfinite(sighting.radii_px)]:
-            at = (round((float(u) + 0.5) * scale), round((float(v) + 0.5) * scale))
-            cv2.drawMarker(canvas, at, _PURPLE, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
-    return canvas
-
-
-def _distance_panel(calibration: MirrorCalibration) -> ImageArray:
-    """Range as colour, with lines of equal range, white where it is known from edges and not continued."""
-    distance = range_image(calibration.camera)
-    logs = np.log(np.nan_to_num(distance, nan=1.0))
-    low, high = np.log(_LEVELS_M[0]), np.log(_LEVELS_M[-1])
-    grey = (255.0 * np.clip((logs - low) / (high - low), 0.0, 1.0)).astype(np.uint8)
-    colored = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)
-    colored[np.isnan(distance)] = 24
-    canvas = _with_edges(np.asarray(colored, dtype=np.uint8), list(calibration.sightings))
-    size = (canvas.shape[1], canvas.shape[0])
-    known = cv2.resize(distance.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    first, last = calibration.strip.edges_m[[0, -1]]
-    for level in _LEVELS_M:
-        mask = (known > level).astype(np.uint8)
-        contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        color = (255, 255, 255) if first <= level <= last else _PALE
-        for contour in contours:
-            points = contour[~np.isnan(cv2.GaussianBlur(known, (5, 5), 0)[contour[:, 0, 1], contour[:, 0, 0]])]
-            for point in points[:: 1 if level <= last else 3]:
-                canvas[point[0, 1], point[0, 0]] = color
-    return canvas
-
-
-def _draw_true_edges(ground: ImageArray, calibration: MirrorCalibration, sighting: Sighting, reach_m: float) -> None:
-    middle = ground.shape[0] // 2
-    scale = round(_MIRROR_SIDE / 2.0 / reach_m)
-    x_axis = np.array([np.cos(sighting.bearing_rad), np.sin(sighting.bearing_rad)])
-    y_axis = np.array([-x_axis[1], x_axis[0]])
-    half = calibration.strip.half_width_m * 1.6
-    for range_m in calibration.strip.edges_m:
-        ends = [range_m * x_axis + side * half * y_axis for side in (-1.0, 1.0)]
-        a, b = ((middle - round(float(e[1]) * scale), middle - round(float(e[0]) * scale)) for e in ends)
-        cv2.line(ground, a, b, _PURPLE, 1, cv2.LINE_AA)
 
 
 def colour_picture(colours: ColourModel, image: ImageArray) -> ImageArray:
@@ -233,40 +159,27 @@ def marks_picture(
 
     image: None where there is none; an empty one stands for it. pixels, places: (N, 2) of the marks; m, robot frame.
     """
-    canvas, scale = _enlarged(found.camera, image)
+    canvas, scale = enlarged_view(found.camera, image)
     view = GroundView(found.camera)
     for line in _half_metres(places):
         seen = view.image_from_ground(line)
         for piece in np.split(seen, np.flatnonzero(~view.sees(seen))):
             inside = piece[view.sees(piece)]
             if len(inside) > 1:
-                cv2.polylines(canvas, [_fixed(inside, scale)], False, _GRID, 1, cv2.LINE_AA, SHIFT)
-    for at in _fixed(pixels, scale).tolist():
+                cv2.polylines(canvas, [fixed_pixels(inside, scale)], False, _GRID, 1, cv2.LINE_AA, SHIFT)
+    for at in fixed_pixels(pixels, scale).tolist():
         cv2.drawMarker(
             canvas, (at[0] >> SHIFT, at[1] >> SHIFT), bgr(ORANGE), cv2.MARKER_TILTED_CROSS, 18, 2, cv2.LINE_AA
         )
     known = np.isfinite(places).all(axis=1)
-    for at in _fixed(found.camera.image_from_ground(places[known]), scale).tolist():
+    for at in fixed_pixels(found.camera.image_from_ground(places[known]), scale).tolist():
         cv2.circle(canvas, (at[0], at[1]), 11 << SHIFT, bgr(BLUE), 2, cv2.LINE_AA, SHIFT)
     legend = [("marks", bgr(ORANGE)), ("their places as this camera sees them", bgr(BLUE)), ("half metres", _GRID)]
     return with_legend(canvas, legend)
 
 
-def wander_picture(found: ImuCalibration, camera: PinholeCamera, image: ImageArray | None) -> ImageArray:
-    """An image without its distortion, BGR, and where the marks were in all images: as seen, and corrected."""
-    flat = image
-    if image is not None:
-        matrix = np.array([(camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0)])
-        flat = cv2.undistort(image, matrix, np.asarray(camera.distortion)).astype(np.uint8)
-    canvas, scale = _enlarged(camera, flat)
-    for pixels, color in ((found.seen_px, VERMILLION), (found.corrected_px, BLUE)):
-        for at in _fixed(pixels, scale).tolist():
-            cv2.circle(canvas, (at[0], at[1]), 3 << SHIFT, bgr(color), -1, cv2.LINE_AA, SHIFT)
-    before, after = f"as seen: {found.before_px:.1f} px", f"corrected: {found.after_px:.1f} px"
-    return with_legend(canvas, [(before, bgr(VERMILLION)), (after, bgr(BLUE))])
-
-
-def _enlarged(camera: PinholeCamera, image: ImageArray | None) -> tuple[ImageArray, float]:
+def enlarged_view(camera: PinholeCamera, image: ImageArray | None) -> tuple[ImageArray, float]:
+    """A camera's image (grey without one), enlarged for drawing, and by how much."""
     scale = _WIDTH_PX / camera.width
     if image is None:
         image = np.full((camera.height, camera.width, 3), _BLANK, np.uint8)
@@ -285,7 +198,7 @@ def _half_metres(places: FloatArray) -> list[FloatArray]:
     return along + across
 
 
-def _fixed(pixels: FloatArray, scale: float) -> Int32Array:
+def fixed_pixels(pixels: FloatArray, scale: float) -> Int32Array:
     """Pixels (N, 2) in the enlarged image as OpenCV's fixed-point numbers; those that are none are left out."""
     limit = 1e4 / scale
     return fixed_point(np.clip(pixels[np.isfinite(pixels).all(axis=1)], -limit, limit), scale)

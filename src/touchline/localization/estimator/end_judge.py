@@ -1,9 +1,10 @@
 """When the field's end is known and when it is open: what was given at the start, and a compass, at each pose found."""
 
 import math
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.bank import ALLOWED, Bank, Member, could_be_shove

@@ -7,12 +7,12 @@ than it costs by its freedom is named (a generalised likelihood ratio: Willsky a
 """
 
 import math
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from touchline.enums import StrEnum
 from touchline.geometry import FloatArray, IntArray
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray, IntArray
-from touchline.localization.particles.resampling import low_variance, tempering
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, LineFeatures
+from touchline.localization.search.resampling import low_variance, tempering
 
 PARALLEL = 0.2  # sine of the angle below which lines are parallel
 CROSSING = 0.7  # and above which they cross

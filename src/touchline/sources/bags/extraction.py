@@ -4,9 +4,10 @@ from array import array
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from touchline.geometry import IntArray
 from touchline.sources.bags.cdr_header import read_text

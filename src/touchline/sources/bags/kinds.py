@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Sequence
-from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from touchline.enums import StrEnum
 from touchline.errors import InputError
 from touchline.files.opened import UnreadableError, open_bytes
 from touchline.files.yaml_text import read_yaml_mapping

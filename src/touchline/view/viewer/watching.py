@@ -10,13 +10,13 @@ from touchline.camera import Camera
 from touchline.evaluation.metrics import associate
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
+from touchline.published.iris_fusion.system import IrisFusion
+from touchline.published.nimbro_lines.system import NimbroLines
+from touchline.published.nubot_mcl.alone import NubotMclAlone
+from touchline.published.nubot_mcl.system import NubotMcl
 from touchline.sources import Recording
 from touchline.sources.description import NO_CAMERA
 from touchline.systems import LocalizationSystem
-from touchline.systems.iris_fusion import IrisFusion
-from touchline.systems.nimbro_lines import NimbroLines
-from touchline.systems.nubot_mcl import NubotMcl
-from touchline.systems.nubot_mcl_alone import NubotMclAlone
 from touchline.types import Estimate, Frame, Status
 from touchline.view.viewer.run_view import RunView, TrueAt
 

@@ -1,0 +1,63 @@
+"""Commands that installed packages bring as entry points `touchline.commands`; `--help` imports none of them."""
+
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from touchline.errors import InputError
+from touchline.plugins import entry_points_of, load, package_of
+
+_LAB = {  # commands of touchline-lab, with their lines of help
+    "simulate": "Simulate a robot on a field and write a recording with the true poses.",
+    "experiment": "Rerun an experiment of a paper, or one of ours, and print its figures beside the paper's.",
+    "bench": "Measure how exact, how sure and how fast a localizer is.",
+    "tune": "Search the settings of a system that fit recordings or simulated robots best.",
+}
+
+
+class CommandGroup(TyperGroup):
+    """The commands of this package, then those of others, which are imported when they are called."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of all commands."""
+        own = super().list_commands(ctx)
+        return [*own, *(name for name in entry_points_of("touchline.commands") if name not in own)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command of this package; of another a line of help in its place."""
+        found = super().get_command(ctx, cmd_name)
+        entry = None if found is not None else entry_points_of("touchline.commands").get(cmd_name)
+        if entry is None:
+            return found
+        return TyperCommand(cmd_name, help=_LAB.get(cmd_name, f"A command of {package_of(entry)}."), callback=None)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Import the command that is called."""
+        name = args[0]
+        if super().get_command(ctx, name) is None:
+            entry = entry_points_of("touchline.commands").get(name)
+            found = None if entry is None else load(entry)
+            if found is not None:
+                return name, _command(name, found), args[1:]
+            if name in _LAB and entry is None:
+                raise InputError(f"touchline {name} is a command of another package: pip install touchline-lab")
+            if entry is not None:
+                raise InputError(f"touchline {name}: {package_of(entry)}, which brings it, cannot be imported")
+        return super().resolve_command(ctx, args)
+
+
+def _command(name: str, found: Any) -> Any:
+    """A Typer application as a group of commands, a function as one command."""
+    app = found
+    if not isinstance(found, typer.Typer):
+        app = typer.Typer(
+            pretty_exceptions_enable=False,
+            rich_markup_mode="rich",
+            add_completion=False,
+            context_settings={"help_option_names": ["-h", "--help"]},
+        )
+        app.command(name)(found)
+    command = typer.main.get_command(app)
+    command.name = name
+    return command

@@ -1,1 +1,0 @@
-"""Parts of iris-fusion (Ismail et al. 2021)."""

@@ -1,1 +1,0 @@
-"""Parts of nimbro-lines (Schulz and Behnke 2012)."""

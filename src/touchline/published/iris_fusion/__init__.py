@@ -1,0 +1,1 @@
+"""iris-fusion (Ismail et al. 2021)."""

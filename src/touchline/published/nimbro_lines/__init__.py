@@ -1,0 +1,1 @@
+"""nimbro-lines (Schulz and Behnke 2012)."""

@@ -1,0 +1,1 @@
+"""nubot-mcl (Lu et al. 2013)."""

@@ -1,0 +1,1 @@
+"""nubot-mti (Xiong et al.)."""

@@ -1,0 +1,1 @@
+"""Calibration from a flat strip of known edges: what nubot-mcl and iris-fusion share."""
