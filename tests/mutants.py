@@ -1,15 +1,18 @@
-"""Lays faults into a copy of the code, and prints which of them no test notices: `make mutants N=1 SEED=0`.
+"""Lay faults into a copy of the code, and print which of them no test notices.
+
+    make mutants N=5 SEED=7             N faults in every room, drawn by chance
+    make mutants LIST=tests/mutants.jsonl   those of a list
 
 A fault is one change of the syntax tree of one function: a comparison is turned round, plus becomes minus, a negation
-is dropped, a constant is another one. N functions of every room are drawn by chance. The tests are those that lead to
-the function: by what they import and what that uses, and by their names. A fault that none of them notices may be
-harmless, or lie where only other tests look: look at it. `--only WORD`: modules and functions with this word alone.
+is dropped, a constant is another one. The tests are those that lead to the function, by what they import and what that
+uses and by their names, and then all replays. A fault that none of them notices may be harmless: look at it.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import json
 import os
 import random
 import re
@@ -17,7 +20,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -25,10 +28,14 @@ from pathlib import Path
 from queue import Queue
 from typing import NamedTuple
 
-from test_house import ROOMS, room_of
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-_SECONDS = 60.0
+REPLAYS = "tests/test_replays.py"
+_FOLDERS = ("src", "lab/src", "tests", "lab/tests")
 _WORKERS = 2
 _MAX_TESTS = 12
 _MAX_DISTANCE = 9
@@ -41,11 +48,12 @@ _UNTOUCHED = (ast.Raise, ast.JoinedStr, ast.Assert, ast.arguments)  # messages, 
 
 
 class Fault(NamedTuple):
-    """The fault number `site` of a function, named as in its module: `Pose.compose`."""
+    """A place of a function, named as in its module (`Pose.compose`): the `nth` one whose text is `before`."""
 
     module: str
     function: str
-    site: int
+    before: str
+    nth: int = 0
 
 
 class Definition(NamedTuple):
@@ -114,29 +122,54 @@ class _Laid(ast.NodeTransformer):
         return with_fault(node) or node if node is self.place else self.generic_visit(node)
 
 
-def laid(fault: Fault, text: str) -> tuple[str, str]:
-    """The text of a module with a fault in it, and what the fault is."""
+def laid(fault: Fault, text: str) -> tuple[str, str] | None:
+    """The text of a module with a fault in it, and what the fault is; None if the code has changed there."""
     tree = ast.parse(text)
-    place = list(sites(dict(functions(tree))[fault.function]))[fault.site]
-    change = f"line {getattr(place, 'lineno', 0)}: {ast.unparse(place)} -> {ast.unparse(with_fault(place) or place)}"
+    function = dict(functions(tree)).get(fault.function)
+    places = [] if function is None else [each for each in sites(function) if ast.unparse(each) == fault.before]
+    if fault.nth >= len(places):
+        return None
+    place = places[fault.nth]
+    change = f"line {getattr(place, 'lineno', 0)}: {fault.before} -> {ast.unparse(with_fault(place) or place)}"
     return ast.unparse(ast.fix_missing_locations(_Laid(place).visit(tree))), " ".join(change.split())
 
 
-def drawn(count: int, seed: int, only: str = "") -> list[Fault]:
+def rooms() -> list[str]:
+    """Dotted names of the rooms, from the contracts of pyproject.toml."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    layered = [each for each in contracts if each["type"] == "layers"]
+    return [
+        f"{each['containers'][0]}.{room}" for each in layered for layer in each["layers"] for room in layer.split(" | ")
+    ]
+
+
+def room_of(module: str) -> str:
+    """The innermost room that a module stands in; empty if it stands in none."""
+    return max((room for room in rooms() if f"{module}.".startswith(f"{room}.")), key=len, default="")
+
+
+def drawn(count: int, seed: int) -> list[Fault]:
     """Faults in `count` functions of every room. The same seed draws the same ones in the same code."""
-    possible = defaultdict(list)
+    possible: dict[str, list[tuple[str, str, list[str]]]] = defaultdict(list)
     for name, module in modules().items():
-        room = room_of(name.removeprefix("touchline."))
-        if room in ROOMS and name.startswith("touchline."):
-            found = [each for each in functions(module.tree) if only in f"{name}.{each[0]}"]
-            possible[room] += [(name, function, len(list(sites(node)))) for function, node in found]
+        if room := room_of(name):
+            for function, node in functions(module.tree):
+                if texts := [ast.unparse(each) for each in sites(node)]:
+                    possible[room].append((name, function, texts))
     faults = []
-    for room, all_of_it in possible.items():
+    for room, places in possible.items():
         rng = random.Random(f"{seed} {room}")
-        places = [place for place in all_of_it if place[2]]
-        for name, function, number in rng.sample(places, min(count, len(places))):
-            faults.append(Fault(name, function, rng.randrange(number)))
+        for name, function, texts in rng.sample(places, min(count, len(places))):
+            site = rng.randrange(len(texts))
+            faults.append(Fault(name, function, texts[site], texts[:site].count(texts[site])))
     return faults
+
+
+def listed(path: Path) -> list[Fault]:
+    """The faults of a list, one JSON object a line."""
+    return [Fault(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 # --- tests that lead to a function ------------------------------------------------------------------------------------
@@ -144,9 +177,9 @@ def drawn(count: int, seed: int, only: str = "") -> list[Fault]:
 
 @cache
 def modules() -> dict[str, Module]:
-    """Those of the package, by their dotted names, and those of the tests."""
+    """Those of the packages, by their dotted names, and those of the tests."""
     found = {}
-    for folder in ("src", "tests"):
+    for folder in _FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
             name = ".".join(path.relative_to(ROOT / folder).with_suffix("").parts).removesuffix(".__init__")
             tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -216,13 +249,7 @@ def tests_of(fault: Fault) -> list[str]:
                 by_name = len(words & _words(test.module)) + 2 * (re.search(rf"\b{name}\b", text) is not None)
                 rank = (distance - by_name, len(module.imported), test)
                 ranked.append((*rank, f"tests/{module.path.name}::{test.name}"))
-    return [str(each[-1]) for each in sorted(ranked)[:_MAX_TESTS]] or _file_named_like(fault.module)
-
-
-def _file_named_like(module: str) -> list[str]:
-    """The file of tests that shares most words with a module's name; none if there is no such word."""
-    best = max((ROOT / "tests").glob("test_*.py"), key=lambda path: len(_words(module) & _words(path.stem)))
-    return [f"tests/{best.name}"] if _words(module) & _words(best.stem) else []
+    return [str(each[-1]) for each in sorted(ranked)[:_MAX_TESTS]]
 
 
 def _words(name: str) -> set[str]:
@@ -252,7 +279,7 @@ def copied_tree(folder: Path) -> Path:
     """A copy of code and tests with their compiled loops; whatever else tests look at is linked to."""
     folder.mkdir()
     for each in ROOT.iterdir():
-        if each.name in ("src", "tests"):
+        if each.name in ("src", "tests", "lab"):
             shutil.copytree(each, folder / each.name, symlinks=True)
         elif not each.name.startswith("."):
             (folder / each.name).symlink_to(each)
@@ -260,35 +287,34 @@ def copied_tree(folder: Path) -> Path:
 
 
 def outcome(fault: Fault, tree: Path) -> tuple[str, str]:
-    """What became of a fault, "found", "not noticed" or what went wrong with the tests; and what it was."""
-    tests = tests_of(fault)
-    original = modules()[fault.module].path
+    """What became of a fault, "noticed", "not noticed" or "gone"; and what it was."""
+    original = modules()[fault.module].path if fault.module in modules() else None
+    changed = None if original is None else laid(fault, original.read_text(encoding="utf-8"))
+    if original is None or changed is None:
+        return "gone", fault.before
+    text, change = changed
     file = tree / original.relative_to(ROOT)
-    text, change = laid(fault, original.read_text(encoding="utf-8"))
-    if not tests:
-        return "no test leads there", change
     dropped = [modules()[each.module].path.relative_to(ROOT).parent / "__pycache__" for each in compiled_with(fault)]
     for folder in dropped:
         shutil.rmtree(tree / folder, ignore_errors=True)
     file.write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
-    environment = {key: value for key, value in os.environ.items() if key != "TOUCHLINE_DATA"}
-    environment["PYTHONPATH"] = str(tree / "src")
     try:
-        run = subprocess.run(
-            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=_SECONDS, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return f"not noticed within {_SECONDS:g} s", change
+        noticed = any(_fails(tests, tree) for tests in (tests_of(fault), [REPLAYS]) if tests)
     finally:
         shutil.copy2(original, file)
         for folder in dropped:
             shutil.rmtree(tree / folder, ignore_errors=True)
             if (ROOT / folder).exists():
                 shutil.copytree(ROOT / folder, tree / folder)
-    # What can no longer be imported is found, too (2).
-    ends = {0: "not noticed", 1: "found", 2: "found"}
-    return ends.get(run.returncode, f"no test was run (pytest's exit status {run.returncode})"), change
+    return "noticed" if noticed else "not noticed", change
+
+
+def _fails(tests: Sequence[str], tree: Path) -> bool:
+    """Whether one of these tests fails, or nothing can be imported any more."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+    environment = {key: value for key, value in os.environ.items() if key != "TOUCHLINE_DATA"}
+    environment["PYTHONPATH"] = f"{tree / 'src'}:{tree / 'lab' / 'src'}"
+    return subprocess.run(command, cwd=tree, env=environment, capture_output=True, check=False).returncode in (1, 2)
 
 
 def outcomes(faults: Sequence[Fault]) -> Iterator[tuple[Fault, tuple[str, str]]]:
@@ -312,14 +338,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", type=int, nargs="?", default=1, help="functions of every room")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="", metavar="WORD", help="modules and functions with this word alone")
+    parser.add_argument("--list", type=Path, metavar="FILE", help="the faults of a list instead")
     given = parser.parse_args()
-    found = total = 0
-    for fault, (end, change) in outcomes(drawn(given.count, given.seed, given.only)):
-        total, found = total + 1, found + (end == "found")
-        if end != "found":
+    faults = drawn(given.count, given.seed) if given.list is None else listed(given.list)
+    ends = Counter[str]()
+    for fault, (end, change) in outcomes(faults):
+        ends[end] += 1
+        if end != "noticed":
             print(f"{end}: {fault.module}.{fault.function}, {change}", flush=True)
-    print(f"{found} of {total} faults are noticed; the others are above")
+    print(
+        f"{ends['noticed']} of {ends['noticed'] + ends['not noticed']} faults are noticed; code of {ends['gone']} is gone"
+    )
     return 0
 
 
