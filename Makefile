@@ -4,13 +4,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 LOWEST := .venv-lowest
 WHEEL := .venv-wheel
+INSTALL := $(BIN)/uv pip install --quiet --python $(BIN)/python
 # What Python makes of a file is kept, whatever the environment says: each command that a test runs would make it anew.
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark pages clean zenoh
+.PHONY: demo test test-all style contracts loops tests slow browser cluster season mutated processes docs tutorials ros \
+	coverage fuzz goldens mutants compare test-lowest package kernels benchmark pages clean
 
-demo: $(VENV)/installed
+demo: $(VENV)/demo
 	$(BIN)/touchline demo
 
 # Style is looked at while the loops are compiled and the first tests run.
@@ -24,84 +26,96 @@ style: $(VENV)/installed
 
 # Once, not in each of the tests' processes.
 loops: $(VENV)/installed
-	$(BIN)/touchline compile --all
+	$(BIN)/touchline compile
 
 tests: loops
-	$(PYTEST)
+	$(PYTEST) -m "not slow"
 
-# Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
-# it says how to install one, and fails.
-test-all: test docs tutorials browser cluster season mutated fastdds processes
+# Every night: also what takes minutes, what needs a browser or ROS, the tutorials word by word, the lowest versions.
+test-all: test slow contracts docs tutorials browser cluster season mutated processes ros test-lowest
 
-browser: $(VENV)/extras
-	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
+slow: loops
+	$(PYTEST) -m slow
 
-# Every message between our DDS and the one that ROS 2 speaks by default; without its library it says how to install it.
-fastdds: $(VENV)/installed
-	$(BIN)/pytest tests/fastdds_peer.py
+# Who may import whom, as pyproject.toml has it.
+contracts: $(VENV)/installed
+	$(PYTHON) -m venv $(VENV)-contracts
+	$(VENV)-contracts/bin/pip install --quiet 'import-linter>=2.2,<3'
+	PYTHONPATH=src:lab/src $(VENV)-contracts/bin/lint-imports
 
-# ROS 2 over Zenoh between our link and another client of it.
-zenoh: $(VENV)/installed
-	$(BIN)/pip install --quiet zenoh-ros2-sdk
-	$(BIN)/pytest tests/zenoh_peer.py
+# Without Chromium it says how to install one, and fails.
+browser: $(VENV)/installed
+	$(BIN)/pytest tests/browser_pages.py
 
-# The ROS package's node and bridge under a real rclpy, which x86-64 and Python 3.11 have as wheels.
+# The ROS package's node under a real rclpy, which x86-64 and Python 3.11 have as wheels.
 ros: loops
-	$(BIN)/pip install --quiet --editable '.[ros-test]'
+	$(INSTALL) --editable '.[ros-test]'
 	$(BIN)/pytest tests/ros_node.py
 
 # The command for a running robot in a process of its own, killed in the middle.
 processes: $(VENV)/installed
 	$(BIN)/pytest tests/live_processes.py
 
-# Ten thousand mutated messages by every link.
+# Ten thousand mutated messages by every way in.
 mutated: $(VENV)/installed
-	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_live_dds.py tests/test_pixel_features.py -k mutated
+	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_pixel_features.py -k mutated
 
 # The same numbers on one core, on two and on a cluster.
 cluster: $(VENV)/installed
-	$(BIN)/pytest tests/cluster_workers.py
+	$(BIN)/pytest lab/tests/cluster_workers.py
 
 # Recordings in an object store, a cluster whose worker dies, the questions of the season's page.
 season: $(VENV)/installed
-	$(BIN)/pip install --quiet 'moto[server]' s3fs duckdb
+	$(INSTALL) 'moto[server]' s3fs duckdb
 	$(BIN)/pytest tests/season_store.py
 
 # The documentation as a site, build/docs/site: any warning and any link that leads nowhere is an error.
 docs: $(VENV)/installed
-	$(BIN)/pip install --quiet --editable '.[docs]'
+	$(INSTALL) --editable '.[docs]'
 	$(BIN)/python docs/site/build.py
 
 # Every command of the tutorials, with images and calibration.
 tutorials: $(VENV)/installed
-	$(BIN)/pytest tests/whole_tutorials.py
+	$(BIN)/pytest lab/tests/whole_tutorials.py
 
 # Which lines the tests reach: they take a sixth longer.
 coverage: $(VENV)/installed
-	$(PYTEST) --cov --cov-report=term:skip-covered
+	$(PYTEST) -m "not slow" --cov --cov-report=term:skip-covered
+
+# The recorded trajectories anew, each row's facts before and after.
+goldens: loops
+	$(BIN)/python tests/goldens.py
+
+# Every system's numbers on recordings and scenarios, compared with another revision's bit for bit: make compare REVISION=v0.1.0
+compare: $(VENV)/installed
+	$(BIN)/python lab/benchmarks/compare_runs.py $(REVISION)
 
 # The lowest versions that pyproject.toml allows, in an environment and with compiled loops of their own.
 test-lowest:
 	$(PYTHON) -m venv --clear $(LOWEST)
 	$(LOWEST)/bin/pip install --quiet uv
-	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct --editable '.[dev]'
+	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct --editable '.[dev]' --editable lab
 	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/touchline demo --output $(LOWEST)/demo
-	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/pytest --every 10 --numprocesses auto --maxprocesses 4
+	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/pytest -m "not slow" --numprocesses auto --maxprocesses 4
 
-# Source and wheel as they would be published, whether the index would take and show them, and whether the wheel runs.
+# Sources and wheels of both packages as they would be published, whether the index would take and show them, and
+# whether the core runs alone and the lab beside it.
 package: $(VENV)/installed
 	rm -rf dist
-	$(BIN)/pip install --quiet build twine
-	$(BIN)/python -m build
+	$(INSTALL) build twine
+	$(BIN)/python -m build --outdir dist
+	$(BIN)/python -m build --outdir dist lab
 	$(BIN)/twine check --strict dist/*
 	$(PYTHON) -m venv --clear $(WHEEL)
-	$(WHEEL)/bin/pip install --quiet dist/*.whl
+	$(WHEEL)/bin/pip install --quiet dist/touchline-*.whl
 	cd $(WHEEL) && bin/touchline demo --output demo
+	$(WHEEL)/bin/pip install --quiet --find-links dist dist/touchline_lab-*.whl
+	cd $(WHEEL) && bin/touchline simulate match --seconds 1 --level points --output match
 
 # Wheels of compiled loops for x86-64-v3 and ARMv8, which fit this Python and these versions of Numba and NumPy, in
 # build/kernels: five minutes of a core, on x86-64 with AVX2.
 kernels: $(VENV)/installed
-	$(BIN)/pip install --quiet build wheel
+	$(INSTALL) build wheel
 	$(BIN)/python kernels/kernel_wheels.py build/kernels
 
 # Any number of hostile files through every reader: make fuzz N=100000 SEED=7
@@ -110,15 +124,15 @@ fuzz: SEED ?= 0
 fuzz: $(VENV)/installed
 	$(BIN)/python tests/fuzzing.py $(N) --seed $(SEED) 2>/dev/null
 
-# Faults laid into a copy of the code, N into every room, and which of them no test notices; two minutes on two cores:
-# make mutants N=5 SEED=7
+# Faults laid into a copy of the code, and which of them no test notices: N into every room (make mutants N=5 SEED=7), or
+# those of a list (make mutants LIST=tests/mutants.jsonl).
 mutants: N ?= 1
 mutants: SEED ?= 0
-mutants: $(VENV)/installed
-	$(BIN)/python tests/mutants.py $(N) --seed $(SEED)
+mutants: loops
+	$(BIN)/python tests/mutants.py $(if $(LIST),--list $(LIST),$(N) --seed $(SEED))
 
 benchmark: $(VENV)/installed
-	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name
+	$(BIN)/pytest lab/benchmarks --benchmark-only --benchmark-sort=name
 
 # Results, benchmark and figures anew, from this commit: a night on two cores; stopped, it goes on in a folder of build/pages.
 # TOUCHLINE_DATA names the folder of the public recordings.
@@ -126,7 +140,7 @@ pages: WORKERS ?= 2
 pages: BUDGET ?= 12
 pages: PAGES = build/pages/$(shell git rev-parse --short=12 HEAD)
 pages: BENCH = $(PAGES)/benchmark
-pages: loops
+pages: $(VENV)/installed
 	test -d "$(TOUCHLINE_DATA)"
 	$(BIN)/touchline experiment all --workers $(WORKERS) --budget $(BUDGET) --seeds 30 --output $(PAGES)
 	$(BIN)/touchline bench suite touchline-bench-1 --workers $(WORKERS) --output $(BENCH)/systems.jsonl $(foreach system, \
@@ -149,16 +163,17 @@ pages: loops
 	$(BIN)/python docs/images/integrity.py
 	$(BIN)/python docs/images/own_system.py
 
-$(VENV)/installed: pyproject.toml
+$(BIN)/uv:
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet --editable '.[dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check uv
+
+$(VENV)/demo: pyproject.toml | $(BIN)/uv
+	$(INSTALL) --editable .
 	touch $@
 
-# The extra that is large: with it, `make test` tests more.
-$(VENV)/extras: $(VENV)/installed
-	$(BIN)/pip install --quiet --editable '.[view]'
-	touch $@
+$(VENV)/installed: pyproject.toml lab/pyproject.toml | $(BIN)/uv
+	$(INSTALL) --editable '.[dev]' --editable 'lab[cluster]'
+	touch $@ $(VENV)/demo
 
 clean:
-	rm -rf $(VENV) $(LOWEST) $(WHEEL)
+	rm -rf $(VENV) $(VENV)-contracts $(LOWEST) $(WHEEL)

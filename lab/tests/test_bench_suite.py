@@ -225,7 +225,7 @@ def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.Captu
 
 def test_the_program_of_the_how_to_is_an_entry(drive: Drive, tmp_path: Path) -> None:
     write_inputs(drive, tmp_path / "inputs" / "walk", "walk")
-    program = Path(__file__).parents[1] / "examples" / "bench_suite" / "odometry.py"
+    program = Path(__file__).parents[2] / "examples" / "bench_suite" / "odometry.py"
     subprocess.run([sys.executable, program, tmp_path / "inputs", tmp_path / "odometry"], check=True)
     answers = read_answers(tmp_path / "odometry" / "walk.csv")
     track = track_of_answers(drive.times_s, drive.truth, answers)

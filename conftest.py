@@ -14,9 +14,9 @@ import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does; before NumPy is imported
 
-SMALL_DATA = Path(__file__).parent / "data"
+SMALL_DATA = Path(__file__).parent / "tests" / "data"
 NAMED = os.environ.get("TOUCHLINE_DATA")
-FULL_DATA = Path(NAMED) if NAMED else Path(__file__).parents[2] / "shared" / "data"
+FULL_DATA = Path(NAMED) if NAMED else Path(__file__).parents[1] / "shared" / "data"
 RECORDINGS = sorted(file.parent.name for file in SMALL_DATA.glob("*/sequence.yaml"))
 MISSING = [name for name in RECORDINGS if not (FULL_DATA / name / "sequence.yaml").is_file()]
 

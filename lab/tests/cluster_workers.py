@@ -19,7 +19,7 @@ from touchline.packed_loops import take_packed_loops
 from touchline_lab.experiments.harness import computed, progress_to
 from touchline_lab.experiments.nees import CONDITIONS, Honesty, honesty
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SEARCH = ("--system", "nubot-mti", "--search", "matching.c_m=0.05:0.6:log", "--search", "matching.iterations=2:30")
 
 

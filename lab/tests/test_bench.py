@@ -22,8 +22,8 @@ from touchline.localization.registration.registration import Registration
 from touchline_lab.points.localizers import ByRprop, point_localizer, point_systems
 from touchline_lab.points.point_set import PointSet, read_point_set
 
-FILE = Path(__file__).parent / "data" / "points" / "msl_18x12.npz"
-EXAMPLES = Path(__file__).parents[1] / "examples" / "bench_points"
+FILE = Path(__file__).parents[2] / "tests" / "data" / "points" / "msl_18x12.npz"
+EXAMPLES = Path(__file__).parents[2] / "examples" / "bench_points"
 KEYS = {"mean_position_m", "mean_heading_rad", "times_bound", "success", "us_per_update"}
 
 
@@ -171,7 +171,7 @@ for line in sys.stdin:
 
 
 def test_a_program_follows_a_recording_image_by_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    walk, knows = Path(__file__).parent / "data" / "mujoco" / "percepts", tmp_path / "knows.py"
+    walk, knows = Path(__file__).parents[2] / "tests" / "data" / "mujoco" / "percepts", tmp_path / "knows.py"
     knows.write_text(KNOWS)
     command = shlex.join([sys.executable, str(knows), str(walk / "ground_truth.tum")])
     assert main(["bench", str(walk), "--program", command, "--json"]) == 0
@@ -184,7 +184,7 @@ def test_a_program_follows_a_recording_image_by_image(tmp_path: Path, capsys: py
 
 
 def test_the_example_stream_answers_with_the_odometry(capsys: pytest.CaptureFixture[str]) -> None:
-    walk = Path(__file__).parent / "data" / "mujoco" / "percepts"
+    walk = Path(__file__).parents[2] / "tests" / "data" / "mujoco" / "percepts"
     assert main(["bench", str(walk), "--program", shlex.join([sys.executable, str(EXAMPLES / "stream.py")])]) == 0
     assert "percepts" in capsys.readouterr().out
 

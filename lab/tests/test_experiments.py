@@ -473,7 +473,7 @@ def test_every_lighting_states_its_levels() -> None:
 
 
 def test_every_experiment_has_its_row_section_and_pictures_on_the_results_page() -> None:
-    docs = Path(__file__).parents[1] / "docs"
+    docs = Path(__file__).parents[2] / "docs"
     page = (docs / "results.md").read_text(encoding="utf-8")
     rows = {line.partition("](")[0].removeprefix("| ["): line for line in page.splitlines() if line.startswith("| [")}
     assert list(rows) == list(EXPERIMENTS)

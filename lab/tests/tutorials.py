@@ -14,7 +14,7 @@ import pytest
 from touchline.cli import main
 from touchline_lab.experiments.schulz_runs import AS_BUILT, walk
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGES = ("tutorial-mirror", "tutorial-humanoid", "tutorial-own-detector", "tutorial-match")
 
 

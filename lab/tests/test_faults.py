@@ -455,7 +455,7 @@ def test_a_laid_case_is_the_drive_without_it_but_for_the_fault() -> None:
 
 def test_a_threshold_is_exceeded_as_often_as_is_stated() -> None:
     """Ten hours of statistics whose events are exponential, one a minute: those of one in an hour and one in ten."""
-    path = Path(__file__).parents[1] / "lab/benchmarks/integrity_thresholds.py"
+    path = Path(__file__).parents[2] / "lab/benchmarks/integrity_thresholds.py"
     spec = importlib.util.spec_from_file_location("integrity_thresholds", path)
     assert spec is not None
     assert spec.loader is not None

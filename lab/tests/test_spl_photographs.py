@@ -16,7 +16,7 @@ from touchline_lab.experiments import EXPERIMENTS
 from touchline_lab.experiments.photographs import KNOWN_M, LABELS, aside, measured, pose_of_labels
 
 PHOTOGRAPHS = FULL_DATA / "real" / "spl_photos"
-GOAL_FRAMES = Path(__file__).parent / "data" / "spl_goal_frames.csv"
+GOAL_FRAMES = Path(__file__).parents[2] / "tests" / "data" / "spl_goal_frames.csv"
 
 
 def goal_frames() -> dict[str, list[FloatArray]]:
