@@ -100,7 +100,7 @@ def calibrate_imu(
     source = open_source(recording, follow_links)
     before = source.camera if camera is None else open_camera(camera)
     if not isinstance(before, PinholeCamera):
-        what = "looks at a mirror" if before.model == "omni" else "is a fisheye"
+        what = "looks at a mirror" if before.model == "omni" else f"is a {before.model}"
         raise InputError(f"{recording}: its camera {what}; the IMU's correction is for pinhole cameras")
     found = learn(source, before, paper)
     words = imu_words(found)

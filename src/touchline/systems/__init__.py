@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from touchline.camera import MODELS, PERSPECTIVE_MODELS
+from touchline.camera import OmniCamera, PerspectiveCamera
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel
@@ -56,7 +56,7 @@ class Needs:
 class SystemInfo:
     """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
 
-    needs: sensors whose absence is reported to the user. cameras: the camera models in whose images it can see.
+    needs: sensors whose absence is reported to the user. cameras: classes of those in whose images it can see.
     """
 
     name: str
@@ -64,7 +64,7 @@ class SystemInfo:
     settings: type[Settings]
     factory: Callable[..., LocalizationSystem]
     needs: Needs | None = None
-    cameras: tuple[str, ...] = ("omni",)
+    cameras: tuple[type, ...] = (OmniCamera,)
 
 
 DEFAULT_SYSTEM = "touchline"
@@ -76,7 +76,7 @@ SYSTEMS = {
             "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
             TouchlineSettings,
             Touchline,
-            cameras=MODELS,
+            cameras=(OmniCamera, PerspectiveCamera),
         ),
         SystemInfo(
             "nubot-mti",
@@ -113,7 +113,7 @@ SYSTEMS = {
             "lines, crossings, posts of a walking robot's camera, augmented MCL (Schulz and Behnke 2012)",
             NimbroLinesSettings,
             NimbroLines,
-            cameras=PERSPECTIVE_MODELS,
+            cameras=(PerspectiveCamera,),
         ),
     )
 }
@@ -150,13 +150,12 @@ def open_system(
     chosen = settings_from_mapping(info.settings, settings or {}) if isinstance(settings, Mapping | None) else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
-    if setup.camera is not None and setup.camera.model not in info.cameras:
-        omni = "omni" in info.cameras
+    if setup.camera is not None and not isinstance(setup.camera, info.cameras):
+        omni = OmniCamera in info.cameras
         seen = "line points in images of an omnidirectional" if omni else "lines in images of a perspective"
-        others = [other.name for other in SYSTEMS.values() if setup.camera.model in other.cameras]
         model = "an omni" if setup.camera.model == "omni" else f"a {setup.camera.model}"
         raise InputError(
-            f"{name} finds {seen} camera; this camera is {model}: take --system {others[0]}. "
+            f"{name} finds {seen} camera; this camera is {model}: take --system {DEFAULT_SYSTEM}. "
             "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
             "points or an observation in Python"
         )
