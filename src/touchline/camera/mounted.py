@@ -180,7 +180,7 @@ class PerspectiveCamera(ABC):
             "fy": self.fy,
             "cx": self.cx,
             "cy": self.cy,
-            "distortion": [float(value) for value in self.distortion],
+            **({"distortion": [float(value) for value in self.distortion]} if self.coefficients else {}),
             "mount": {key: round(float(value), 12) for key, value in zip(_MOUNT_KEYS, numbers, strict=True)},
             **({} if self.use_attitude else {"use_attitude": False}),
         }
@@ -202,7 +202,9 @@ def _read_lens(tree: Mapping[str, Any], path: Path, kind: type[PerspectiveCamera
     check_keys(tree, _KEYS, ("distortion", "use_attitude", *kind.own_keys), path, f"a {kind.model} camera")
     width, height = read_image_size(tree, path)
     numbers = (read_number(tree[key], path, key) for key in LENS_KEYS)
-    distortion = read_numbers(tree.get("distortion", [0.0] * len(kind.coefficients)), path, "distortion", 1)
+    distortion = np.zeros(len(kind.coefficients))
+    if "distortion" in tree:
+        distortion = read_numbers(tree["distortion"], path, "distortion", 1)
     if not np.all(np.abs(distortion) < _MAX_DISTORTION):
         raise InputError(f"{path}: 'distortion' holds a number beyond ±{_MAX_DISTORTION:g}; no lens has that")
     mount = tree["mount"]
