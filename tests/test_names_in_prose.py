@@ -22,7 +22,7 @@ FOREIGN = {  # the reader's own, and other programs'
 def words() -> set[str]:
     """All words of code, settings and build files, and all names and paths of files."""
     files = [path for place in CODE for path in (ROOT / place).rglob("*.*") if path.is_file()] + [*ROOT.iterdir()]
-    read = [path for path in files if path.suffix in KINDS and "tests" not in path.parts or path.name == "Makefile"]
+    read = [path for path in files if (path.suffix in KINDS and "tests" not in path.parts) or path.name == "Makefile"]
     found = {word for path in read for word in re.findall(r"\w+", path.read_text("utf-8"))}
     return found | {path.name for path in files} | {path.as_posix() for path in files}
 

@@ -202,7 +202,7 @@ def _read_lens(tree: Mapping[str, Any], path: Path, kind: type[PerspectiveCamera
     check_keys(tree, _KEYS, ("distortion", "use_attitude", *kind.own_keys), path, f"a {kind.model} camera")
     width, height = read_image_size(tree, path)
     numbers = (read_number(tree[key], path, key) for key in LENS_KEYS)
-    distortion = np.zeros(len(kind.coefficients))
+    distortion: FloatArray = np.zeros(len(kind.coefficients))
     if "distortion" in tree:
         distortion = read_numbers(tree["distortion"], path, "distortion", 1)
     if not np.all(np.abs(distortion) < _MAX_DISTORTION):
