@@ -22,7 +22,7 @@ from touchline.calibration.perspective import (
     lens_of_marks,
     perspective_yaml,
 )
-from touchline.camera import PinholeCamera, ground_view, open_camera, perspective_mapping
+from touchline.camera import PinholeCamera, ground_view, open_camera
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
@@ -215,7 +215,7 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 )
 def test_a_fisheye_is_refused(name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_recording(tmp_path / "r", frames=1, camera="fisheye", field="indoor-9x6")
-    (folder / "camera.yaml").write_text(yaml.safe_dump(perspective_mapping(kid_size_camera())))
+    (folder / "camera.yaml").write_text(yaml.safe_dump(kid_size_camera().mapping()))
     (folder / "marks.csv").write_text("file,name,u,v,x_m,y_m\na.jpg,m1,300,400,1,0\n")
     assert main(["calibrate", name, str(folder), "--output", str(tmp_path / "camera.yaml")]) == 2
     assert words in " ".join(capsys.readouterr().err.split())

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from touchline.camera import Camera, OmniCamera, PinholeCamera, field_of_view, leaning, open_camera, require_omni
-from touchline.camera.pinhole import pinhole_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.perception.detector import with_lean
@@ -190,8 +189,8 @@ def test_a_pinhole_camera_is_read_and_written_again(tmp_path: Path) -> None:
     assert isinstance(camera, PinholeCamera)
     assert (camera.model, camera.width, camera.height, camera.use_attitude) == ("pinhole", 752, 480, True)
     assert camera.base_from_camera.roll_pitch_yaw() == pytest.approx((0.01, 0.49, -0.01))
-    assert pinhole_mapping(camera) == PINHOLE
-    assert pinhole_mapping(replace(camera, use_attitude=False)) == PINHOLE | {"use_attitude": False}
+    assert camera.mapping() == PINHOLE
+    assert replace(camera, use_attitude=False).mapping() == PINHOLE | {"use_attitude": False}
 
 
 def test_an_omni_camera_may_name_its_viewpoint(tmp_path: Path) -> None:

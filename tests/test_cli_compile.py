@@ -11,6 +11,7 @@ from pathlib import Path
 import numba
 import pytest
 
+from touchline.camera import OmniCamera
 from touchline.cli.console import announce_compiling
 from touchline.compiling import load_loops_lean
 from touchline.evaluation.workers import open_workers
@@ -58,7 +59,7 @@ def test_after_compile_nothing_is_left_to_compile(tmp_path: Path, small_data: Pa
     )
     assert simulated.returncode == 0
     carried, paper = small_data / "omni_msl_kidnap", ("--preset", "paper")
-    runs = [(name, EXAMPLE if "omni" in info.cameras else walk) for name, info in SYSTEMS.items()]
+    runs = [(name, EXAMPLE if OmniCamera in info.cameras else walk) for name, info in SYSTEMS.items()]
     runs += [("touchline", walk), ("touchline", points), ("nubot-mti", points), ("touchline", carried)]
     runs += [("iris-fusion", carried), ("touchline", small_data / "omni_9x6_points")]
     commands = [["check", str(EXAMPLE)], ["check", str(walk)], ["bench", str(EXAMPLE)]]

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from touchline import open_source
 from touchline.calibration import self_perspective
 from touchline.calibration.self_perspective import calibrate_self_perspective, evenly, perspective_view
-from touchline.camera import FisheyeCamera, leaning, open_camera, perspective_mapping
+from touchline.camera import FisheyeCamera, leaning, open_camera
 from touchline.errors import InputError
 from touchline.evaluation.runner import robot_setup
 from touchline.geometry import FloatArray, Pose3
@@ -36,7 +36,7 @@ from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
 CAMERA = kid_size_camera()
-FILE = perspective_mapping(CAMERA)
+FILE = CAMERA.mapping()
 PLAIN = replace(CAMERA, distortion=np.zeros(4))
 
 
@@ -93,7 +93,7 @@ def test_its_file_comes_back_and_mistakes_are_named(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(FILE))
     camera = open_camera(path)
     assert isinstance(camera, FisheyeCamera)
-    assert perspective_mapping(camera) == FILE
+    assert camera.mapping() == FILE
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"distortion": [0.0] * 5}, "distortion needs four numbers: k1, k2, k3, k4"),
         ({"fx": 0.0}, "must be positive"),

@@ -11,7 +11,6 @@ import yaml
 
 from touchline.camera import PinholeCamera, ground_view, leaning, open_camera
 from touchline.camera.imu_correction import ImuCorrection, levelled, monomials
-from touchline.camera.pinhole import pinhole_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.perception.line_graph.image_plane import grounds_from_pixels, image_plane, make_lens
@@ -103,12 +102,12 @@ def test_what_cannot_be_is_told_in_one_sentence(camera: PinholeCamera) -> None:
 
 def test_a_camera_file_keeps_its_correction(camera: PinholeCamera, tmp_path: Path) -> None:
     path = tmp_path / "camera.yaml"
-    path.write_text(yaml.safe_dump(pinhole_mapping(learned(camera))))
+    path.write_text(yaml.safe_dump(learned(camera).mapping()))
     again = open_camera(path)
     assert isinstance(again, PinholeCamera)
     assert again.imu_correction is not None
     np.testing.assert_array_equal(again.imu_correction.matrix, CORRECTION.matrix)
     assert again.imu_correction.reference_rad == CORRECTION.reference_rad
-    path.write_text(yaml.safe_dump(pinhole_mapping(camera) | {"imu_correction": {"matrix": [[1.0]]}}))
+    path.write_text(yaml.safe_dump(camera.mapping() | {"imu_correction": {"matrix": [[1.0]]}}))
     with pytest.raises(InputError, match="imu_correction"):
         open_camera(path)

@@ -21,7 +21,6 @@ from touchline.cli.commands import app
 from touchline.cli.settings_page import settable, settings_page, unit_of
 from touchline.config import settings_rows
 from touchline.field import open_field
-from touchline.localization.one_shot.locate import LocateSettings
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.systems.touchline import Touchline
@@ -239,41 +238,10 @@ def test_a_long_function_is_noticed() -> None:
     assert len(list(too_large("def f():\n" + "    pass\n" * 60))) == 1
 
 
-def steps_of(text: str) -> list[tuple[str, str]]:
-    """(code, comment) of every visible line of `step` in a module; a comment of its own announces the line after it."""
-    functions = [
-        node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef) and node.name == "step"
-    ]
-    (step,) = functions
-    body = step.body[1:] if ast.get_docstring(step) else step.body
-    found, announced = [], ""
-    for line in text.splitlines()[body[0].lineno - 1 : step.end_lineno]:
-        code, _, comment = (part.strip() for part in line.partition("#"))
-        if code:
-            found.append((code, comment or announced))
-        announced = "" if code else comment
-    return found
-
-
-def test_our_own_step_is_fifteen_lines_each_step_announced() -> None:
-    lines = steps_of((PACKAGE / "systems" / "touchline.py").read_text(encoding="utf-8"))
-    assert len(lines) <= MAX_STEP_LINES
-    comments = [comment for _, comment in lines if comment]
-    words = (
-        "predict",
-        "measure",
-        "observe",
-        "register",
-        "search",
-        "fuse",
-        "which end",
-        "contradict",
-        "tracked",
-        "late",
-    )
-    assert [word for word, comment in zip(words, comments, strict=True) if word not in comment] == []
-    silent = "".join(" " if comment else "." for _, comment in lines)
-    assert max(map(len, silent.split())) <= 3, "lines that belong to the comment before them"
+def test_our_own_step_is_short() -> None:
+    tree = ast.parse((PACKAGE / "systems" / "touchline.py").read_text(encoding="utf-8"))
+    (step,) = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == "step")
+    assert (step.end_lineno or 0) - step.body[1].lineno < MAX_STEP_LINES  # behind the docstring
 
 
 @pytest.mark.parametrize("camera", ["none", "height", "mirror", "pinhole", "fisheye"])
@@ -302,19 +270,6 @@ def test_versions_agree() -> None:
     assert (str(citation["version"]), newest.group(1)) == (version, version)
 
 
-def test_the_citation_names_the_four_papers() -> None:
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    first_authors = [reference["authors"][0]["family-names"] for reference in citation["references"]]
-    assert first_authors == ["Xiong", "Lu", "Ismail", "Schulz"]
-    assert all(reference["title"] and reference["type"] == "article" for reference in citation["references"])
-
-
-def test_the_licence_is_the_whole_apache_licence() -> None:
-    text = (ROOT / "LICENSE").read_text(encoding="utf-8")
-    assert "Version 2.0, January 2004" in text
-    assert "END OF TERMS AND CONDITIONS" in text
-
-
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
@@ -329,11 +284,6 @@ def test_every_setting_stands_on_that_page_or_on_its_system_s(name: str) -> None
     pages = [path for path in (ROOT / "docs" / "settings.md", ROOT / "docs" / f"{name}.md") if path.exists()]
     text = "".join(path.read_text(encoding="utf-8") for path in pages)
     assert [key for key, _, _ in settings_rows(SYSTEMS[name].settings) if f"`{key}`" not in text] == []
-
-
-@pytest.mark.parametrize("settings", [*(info.settings for info in SYSTEMS.values()), LocateSettings])
-def test_every_setting_says_what_it_is(settings: Any) -> None:
-    assert [key for key, _, description in settings_rows(settings) if len(description.split()) < 4] == []
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -422,12 +372,6 @@ def test_links_in_documents_resolve(document: Path) -> None:
     assert broken == []
 
 
-def test_the_readme_names_every_command() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert [name for name in commands if f"`touchline {name}" not in text and f"\ntouchline {name}" not in text] == []
-
-
 def test_the_readme_s_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     block = re.search(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
@@ -436,19 +380,6 @@ def test_the_readme_s_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     exec(compile(block.group(1), "README.md", "exec"), {})
     assert "heading" in capsys.readouterr().out
-
-
-def test_the_first_picture_is_small_and_there() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    picture = re.search(r"!\[[^]]+\]\(([^)]+)\)", text)
-    assert picture is not None
-    assert 20_000 < (ROOT / picture.group(1)).stat().st_size <= 250_000
-
-
-def test_the_plan_of_the_house_names_every_room() -> None:
-    plan = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    rooms = {room.replace(".", "/") for room in ROOMS}
-    assert [room for room in rooms if f"`{room}`" not in plan and f"`{room}/" not in plan] == []
 
 
 def yaml_blocks(name: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""The measurements of docs/how-to-extend.md, as they stand there: valid for both kinds of camera."""
+"""The measurements of docs/how-to-extend.md, as they stand there: valid for both kinds of camera; and its lens."""
 
 from __future__ import annotations
 
@@ -11,17 +11,29 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 
+import touchline as package
+from touchline.camera import CAMERAS, PerspectiveCamera, open_camera
+from touchline.camera.base import ground_jacobian
+from touchline.errors import InputError
+from touchline.evaluation.runner import robot_setup
+from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.measurement import Measurement
+from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system, touchline
 from touchline.types import Frame, Prior, Status
 from touchline_lab.experiments.drives import Drive, driven
+from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
+from touchline_lab.simulation.world.hall import default_world
+from touchline_lab.simulation.world.world import WorldState
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to-extend.md"
 PACKAGE = "touchline.localization.estimator"
@@ -155,3 +167,54 @@ def test_the_gradient_is_that_of_the_squared_residual(sensor: str, table: tuple[
 
 def test_a_frame_without_a_reading_gives_no_evidence(table: tuple[Measurement, ...]) -> None:
     assert [one.of(Frame(0), Pose(0.0, 0.0, 0.0)) for one in table] == [None, None, None]
+
+
+# --- another lens -----------------------------------------------------------------------------------------------------
+
+LENS = {"model": "equisolid", "width": 640, "height": 480, "fx": 285.0, "fy": 285.0, "cx": 321.4, "cy": 238.2}
+MOUNT = {"x": 0.04, "y": 0.0, "z": 0.52, "roll": 0.0, "pitch": 0.55, "yaw": 0.0}
+
+
+@pytest.fixture
+def lens(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> PerspectiveCamera:
+    """The camera of the page, entered as it says, and opened from its camera.yaml."""
+    (block,) = re.findall(r"```python\n# camera/equisolid\.py\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    module = ModuleType("touchline.camera.equisolid")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(block, f"{PAGE.name}: equisolid.py", "exec"), module.__dict__)
+    monkeypatch.setitem(CAMERAS, "equisolid", module.EquisolidCamera)
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(LENS | {"mount": MOUNT, "use_attitude": False}))
+    camera = open_camera(tmp_path / "camera.yaml")
+    assert isinstance(camera, PerspectiveCamera)
+    assert camera.mapping() == LENS | {"mount": MOUNT, "use_attitude": False}
+    return camera
+
+
+def test_pixels_and_ground_of_another_lens(lens: PerspectiveCamera) -> None:
+    v, u = np.mgrid[0:480:16, 0:640:16]
+    pixels = np.column_stack((u.ravel(), v.ravel())).astype(float)
+    rays, ground = lens.camera_rays(pixels), lens.ground_from_image(pixels)
+    assert np.linalg.norm(rays, axis=1) == pytest.approx(1.0)
+    assert lens.image_from_camera(3.0 * rays) == pytest.approx(pixels, abs=1e-9)
+    near = np.hypot(*np.nan_to_num(ground, nan=1e9).T) < 20.0
+    assert lens.image_from_ground(ground[near]) == pytest.approx(pixels[near], abs=1e-6)
+    slopes = ground_jacobian(lens.ground_from_image, pixels[near])
+    assert lens.ground_covariances(pixels[near], 2.0, 0.0) == pytest.approx(4.0 * slopes @ slopes.transpose(0, 2, 1))
+    off = lens.corrected(np.array([0.0, 0.0, 0.0, 0.02]), np.linspace(0.1, 1.2, 30))
+    assert off.fx == pytest.approx(lens.fx / 1.02, rel=5e-3)
+
+
+def test_a_recording_through_another_lens_is_localised(lens: PerspectiveCamera, tmp_path: Path) -> None:
+    """Rendered, written as a recording, and run by its path."""
+    truth, images = Pose(-1.0, 0.5, 0.3), 4
+    eye, world = SimulatedPerspectiveCamera(lens), default_world(open_field("humanoid-kid-9x6"))
+    for k in range(images):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), eye.render(world, WorldState(), truth, rng=np.random.default_rng(k)))
+    rows = "".join(f"{0.1 * k:.1f},{k}.png\n" for k in range(images))
+    (tmp_path / "images.csv").write_text("t,file\n" + rows)
+    (tmp_path / "sequence.yaml").write_text("{format: 1, field: humanoid-kid-9x6, camera: equisolid, rate_hz: 10}\n")
+    for system in ("touchline", "nimbro-lines"):
+        run = package.run(tmp_path, system, output=tmp_path / system, start=(-1.1, 0.6, 0.35))
+        assert np.hypot(*(run.estimates.trajectory.values[-1, :2] - truth[:2])) < 0.1
+    with pytest.raises(InputError, match="this camera is a equisolid: take --system touchline"):
+        open_system("nubot-mti", robot_setup(open_source(tmp_path)))

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import touchline
+from touchline.camera import OmniCamera
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose, Pose3
@@ -32,7 +33,7 @@ from touchline_lab.simulation.scenario import open_scenario
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "omni_msl_track_short"
 every_system = pytest.mark.parametrize("system", SYSTEMS)
-by_points = pytest.mark.parametrize("system", [name for name, info in SYSTEMS.items() if "omni" in info.cameras])
+by_points = pytest.mark.parametrize("system", [name for name, info in SYSTEMS.items() if OmniCamera in info.cameras])
 
 
 @cache

@@ -22,7 +22,7 @@ from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-BY_POINTS = [name for name, info in SYSTEMS.items() if "omni" in info.cameras]  # others: test_odd_features.py
+BY_POINTS = [name for name, info in SYSTEMS.items() if OmniCamera in info.cameras]  # others: test_odd_features.py
 every_system = pytest.mark.parametrize("name", BY_POINTS)
 
 

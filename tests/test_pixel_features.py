@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from touchline.camera import PinholeCamera
-from touchline.camera.pinhole import pinhole_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.live.heard import Sight
@@ -174,7 +173,7 @@ def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
         InputError, match="/markings_in_image tells of pixels, and the camera is not known: no CameraInfo"
     ):
         open_source(path, options=FIELD)
-    write_yaml(tmp_path / "camera.yaml", pinhole_mapping(CAMERA))
+    write_yaml(tmp_path / "camera.yaml", CAMERA.mapping())
     given = open_source(path, options=BagOptions(field="hsl-s-9x6", camera=tmp_path / "camera.yaml"))
     check(next(iter(given)).observation)
 
@@ -246,7 +245,7 @@ def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_in_a_bag(tmp_pa
     for at_ns, topic, kind, message in panned():
         writer.write(topic, kind, at_ns, CODEC.encode(kind, message))
     writer.close()
-    write_yaml(tmp_path / "camera.yaml", pinhole_mapping(CAMERA))
+    write_yaml(tmp_path / "camera.yaml", CAMERA.mapping())
     options = BagOptions(field="hsl-s-9x6", camera=tmp_path / "camera.yaml")
     recording = open_source(tmp_path / "pan.mcap", options=options)
     assert recording.sequence["topics"]["head"] == "/head_pose"

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from touchline.camera import OmniCamera
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.motion.compass import COMPASS_FALSE
@@ -52,7 +53,7 @@ def test_a_step_is_a_list_of_at_most_fifteen_lines(name: str) -> None:
 
 
 @pytest.mark.parametrize("level", ["points", "images", "neither"])
-@pytest.mark.parametrize("name", [name for name, info in SYSTEMS.items() if "omni" in info.cameras])
+@pytest.mark.parametrize("name", [name for name, info in SYSTEMS.items() if OmniCamera in info.cameras])
 def test_a_system_takes_frames_with_points_with_images_and_with_neither(name: str, level: str) -> None:
     scenario = open_scenario("tour-20", 1, 0.5, ["ideal=true"])
     run = Simulation(scenario, level="images" if level == "images" else "points")

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from touchline.camera import OmniCamera, PerspectiveCamera
 from touchline.evaluation.runner import robot_setup
 from touchline.geometry import FloatArray
 from touchline.sources import open_source
@@ -50,8 +51,8 @@ def measure(recording: Path, systems: list[str] | None, images: int, rounds: int
     begun_s = time.thread_time()
     frames = list(islice(source, images))
     reading_ms = 1e3 * (time.thread_time() - begun_s) / len(frames)
-    model = "omni" if setup.camera is None else setup.camera.model
-    systems = systems or [name for name, info in SYSTEMS.items() if model in info.cameras]
+    kind = PerspectiveCamera if isinstance(setup.camera, PerspectiveCamera) else OmniCamera
+    systems = systems or [name for name, info in SYSTEMS.items() if kind in info.cameras]
     fastest = {name: np.full(len(frames), np.inf) for name in systems}
     for _ in range(rounds):
         for name in systems:

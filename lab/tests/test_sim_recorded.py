@@ -11,7 +11,7 @@ import pytest
 from line_profiles import line_offsets, projected_lines
 
 from touchline.camera import OmniCamera, open_camera
-from touchline.camera.pinhole import pinhole_from_mapping
+from touchline.camera.pinhole import PinholeCamera
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointDetector
@@ -106,7 +106,8 @@ class TestHumanoid:
         folder = shared_data / "humanoid_9x6_walk"
         recording = open_source(folder)
         frame %= len(recording)
-        camera = SimulatedPerspectiveCamera(pinhole_from_mapping(read_yaml_mapping(folder / "camera.yaml"), folder))
+        tree = read_yaml_mapping(folder / "camera.yaml")
+        camera = SimulatedPerspectiveCamera(PinholeCamera.from_mapping(tree, folder))
         pose, image = true_pose(recording, frame), recorded_image(recording, frame)
         measured = measured_lean(recording, frame)
         lean = fitted_lean(camera, recording, image, pose, measured)

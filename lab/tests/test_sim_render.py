@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from touchline.camera.omni import omni_from_mapping
-from touchline.camera.pinhole import pinhole_from_mapping
+from touchline.camera.omni import OmniCamera
+from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
@@ -136,7 +136,7 @@ def test_a_calibrated_cameras_bearing_table_is_rendered_and_written_again(omni: 
     design = dataclasses.replace(
         plain, bearings_rad=bearings, range_m=np.tile(plain.range_m, (3, 1)), bearing_offset_rad=offsets
     )
-    camera = SimulatedOmniCamera(omni_from_mapping(omni_mapping(design), Path("camera")))
+    camera = SimulatedOmniCamera(OmniCamera.from_mapping(omni_mapping(design), Path("camera")))
     v, u = np.mgrid[4:476:9, 4:476:9]
     radius = np.hypot(u - 239.5, v - 239.5)
     inside = (radius > 60.0) & (radius < 205.0)
@@ -304,4 +304,4 @@ def test_mistakes_are_refused_in_words(field: FieldModel, omni: SimulatedOmniCam
     with pytest.raises(InputError, match="does not hold the carpet"):
         dataclasses.replace(world, hall=(5.0, 5.0, 3.0))
     with pytest.raises(InputError, match="'mount' is missing"):
-        pinhole_from_mapping(dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), 100), Path("camera"))
+        PinholeCamera.from_mapping(dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), 100), Path("camera"))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from touchline.camera import OmniCamera
 from touchline.checks.slips import find_slips
 from touchline.config import PAPER, Settings, load_settings, preset_values, settings_tree
 from touchline.errors import InputError, TouchlineError
@@ -284,7 +285,7 @@ def _notices(source: Recording, info: SystemInfo) -> tuple[str, ...]:
 
 def _height_notices(setup: RobotSetup, info: SystemInfo) -> tuple[str, ...]:
     """What a system for perspective cameras assumes where a detector of the robot's own sees, and nobody tells."""
-    if "omni" in info.cameras or setup.camera is not None or setup.height_m is not None:
+    if OmniCamera in info.cameras or setup.camera is not None or setup.height_m is not None:
         return ()
     return (
         f"nothing tells how high the camera is: {CAMERA_HEIGHT_M:g} m is assumed for what an error of its lean does to "

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from touchline.calibration.marks import Marks
-from touchline.camera import PerspectiveCamera, PinholeCamera, perspective_mapping
+from touchline.camera import PerspectiveCamera, PinholeCamera
 from touchline.camera.reading import read_image_size, read_numbers, read_pixels
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
@@ -177,7 +177,7 @@ def calibrate_camera(marks: Marks, lens: Lens) -> PerspectiveCalibration:
 
 def perspective_yaml(camera: PerspectiveCamera, words: str) -> str:
     """The text of a camera.yaml, under what was found."""
-    tree = {k: round(v, 4) if k in ("fx", "fy", "cx", "cy") else v for k, v in perspective_mapping(camera).items()}
+    tree = {k: round(v, 4) if k in ("fx", "fy", "cx", "cy") else v for k, v in camera.mapping().items()}
     tree["distortion"] = [round(value, 6) for value in tree["distortion"]]
     head = "".join(f"# {line}\n" for line in words.splitlines())
     return head + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=118)

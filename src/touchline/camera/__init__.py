@@ -4,18 +4,20 @@ from pathlib import Path
 from typing import Any
 
 from touchline.camera.base import Camera, field_of_view, leaning, pose_in_base
-from touchline.camera.fisheye import FisheyeCamera, fisheye_from_mapping
-from touchline.camera.ground_view import GroundView, PerspectiveCamera, ground_view
-from touchline.camera.mounted import lens_mapping
-from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
-from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping, pinhole_mapping
+from touchline.camera.fisheye import FisheyeCamera
+from touchline.camera.ground_view import GroundView, ground_view
+from touchline.camera.mounted import PerspectiveCamera
+from touchline.camera.omni import OmniCamera, require_omni
+from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.given import given_path
 from touchline.messages import did_you_mean, shown
 
-MODELS = ("omni", "pinhole", "fisheye")
-PERSPECTIVE_MODELS = ("pinhole", "fisheye")
+# by the model that camera.yaml names; another camera is entered here
+CAMERAS: dict[str, type[OmniCamera] | type[PerspectiveCamera]] = {
+    kind.model: kind for kind in (OmniCamera, PinholeCamera, FisheyeCamera)
+}
 
 
 def open_camera(path: str | Path | Camera) -> Camera:
@@ -23,7 +25,7 @@ def open_camera(path: str | Path | Camera) -> Camera:
 
     Raises InputError for an unknown model or a broken file.
     """
-    if not isinstance(path, str | Path) and hasattr(path, "ground_from_image"):
+    if isinstance(path, OmniCamera | PerspectiveCamera):
         return path
     path = given_path("camera", "the path of a camera.yaml or a camera", path)
     return camera_from_mapping(read_yaml_mapping(path), path)
@@ -33,23 +35,20 @@ def camera_from_mapping(tree: dict[str, Any], path: Path) -> Camera:
     """The camera of a camera.yaml's content; `path` is named in errors."""
     model = tree.get("model")
     if model is None:
-        raise InputError(f"{path}: 'model' is missing; one of {', '.join(MODELS)}")
-    if model == "omni":
-        return omni_from_mapping(tree, path)
-    if model == "pinhole":
-        return pinhole_from_mapping(tree, path)
-    if model == "fisheye":
-        return fisheye_from_mapping(tree, path)
-    raise InputError(f"{path}: unknown camera model {shown(model)}; {did_you_mean(str(model), MODELS)}")
+        raise InputError(f"{path}: 'model' is missing; one of {', '.join(CAMERAS)}")
+    kind = CAMERAS.get(str(model))
+    if kind is None:
+        raise InputError(f"{path}: unknown camera model {shown(model)}; {did_you_mean(str(model), list(CAMERAS))}")
+    return kind.from_mapping(tree, path)
 
 
-def perspective_mapping(camera: PerspectiveCamera) -> dict[str, Any]:
-    """The camera.yaml of a camera with a lens."""
-    return pinhole_mapping(camera) if isinstance(camera, PinholeCamera) else lens_mapping(camera)
+def is_perspective(model: str) -> bool:
+    """Whether a model that camera.yaml may name has a lens: not a mirror, and not `none`."""
+    return model in CAMERAS and issubclass(CAMERAS[model], PerspectiveCamera)
 
 
 __all__ = [
-    "PERSPECTIVE_MODELS",
+    "CAMERAS",
     "Camera",
     "FisheyeCamera",
     "GroundView",
@@ -59,9 +58,9 @@ __all__ = [
     "camera_from_mapping",
     "field_of_view",
     "ground_view",
+    "is_perspective",
     "leaning",
     "open_camera",
-    "perspective_mapping",
     "pose_in_base",
     "require_omni",
 ]

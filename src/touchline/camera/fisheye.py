@@ -6,16 +6,14 @@ is seen as well.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import mounted
-from touchline.geometry import FloatArray, Pose3
+from touchline.camera.mounted import PerspectiveCamera
+from touchline.geometry import FloatArray
 
 _MAX_ANGLE_RAD = math.radians(110.0)
 _BEYOND_CORNERS = 1.05  # lines are drawn until they have left the image
@@ -24,39 +22,30 @@ _NEWTON_STEPS = 3  # from there on to 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class FisheyeCamera:
-    """A fisheye camera on a body that leans.
+class FisheyeCamera(PerspectiveCamera):
+    """A fisheye camera. fx, fy: px per rad, on the axis. distortion: (4,) OpenCV's k1 to k4.
 
-    fx, fy, cx, cy: focal lengths (px per rad, on the axis) and principal point (px). distortion: (4,) OpenCV's k1 to
-    k4. base_from_camera: its mount, on a body that does not lean. use_attitude: whether the IMU's roll and pitch are
-    used. largest_angle_rad: to the optical axis, up to which the distortion is trusted: to the image's corners, and no
+    largest_angle_rad: to the optical axis, up to which the distortion is trusted: to the image's corners, and no
     farther than where it stops growing.
-    Raises InputError for a size or focal length that is not positive and for a camera at or below the ground.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: FloatArray
-    base_from_camera: Pose3
-    use_attitude: bool = True
     largest_angle_rad: float = field(init=False)
     model: ClassVar[str] = "fisheye"
+    coefficients: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4")
+    scales_angles: ClassVar[bool] = True
+    ros_model: ClassVar[str] = "equidistant"
 
     def __post_init__(self) -> None:
-        mounted.check_lens(self, "k1, k2, k3, k4")
+        super().__post_init__()
         angles = np.linspace(0.0, _MAX_ANGLE_RAD, _ANGLES)
         radii = self._distorted(angles)
         growing = int(np.argmin(np.append(np.diff(radii) > 0.0, False)))  # steps up to the first that does not
-        corner = float(np.interp(mounted.corner_radius(self), radii[: growing + 1], angles[: growing + 1]))
+        corner = float(np.interp(self.corner_radius(), radii[: growing + 1], angles[: growing + 1]))
         object.__setattr__(self, "largest_angle_rad", min(float(angles[growing]), _BEYOND_CORNERS * corner))
 
     def camera_rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Unit vectors (N, 3) of pixels (N, 2) in the camera body frame; NaN where the distortion is not trusted."""
-        seen = mounted.in_focal_lengths(self, pixels)
+        seen = self.in_focal_lengths(pixels)
         radii = np.hypot(*seen.T)
         angles = self._undistorted(radii)
         aside = np.where(radii > 0.0, np.sin(angles) / np.where(radii > 0.0, radii, 1.0), 1.0)
@@ -68,15 +57,7 @@ class FisheyeCamera:
         angles = np.arctan2(aside, points[:, 0])
         angles = np.where(angles <= self.largest_angle_rad, angles, np.nan)
         ratios = np.where(aside > 0.0, self._distorted(angles) / np.where(aside > 0.0, aside, 1.0), 0.0 * angles)
-        return mounted.in_pixels(self, -points[:, 1:] * ratios[:, np.newaxis])
-
-    def plane_radius(self, angles_rad: FloatArray) -> FloatArray:
-        """Angles (N,) to the optical axis themselves: a focal length scales these."""
-        return angles_rad
-
-    ray, sees, corrected = mounted.ray, mounted.sees, mounted.corrected
-    ground_from_image, ground_covariances = mounted.ground_from_image, mounted.ground_covariances
-    image_from_ground, image_from_base = mounted.image_from_ground, mounted.image_from_base
+        return self.in_pixels(-points[:, 1:] * ratios[:, np.newaxis])
 
     def _distorted(self, angles: FloatArray) -> FloatArray:
         """How far from the principal point angles (N,) are shown, in focal lengths."""
@@ -96,8 +77,3 @@ class FisheyeCamera:
             step = (self._distorted(angles) - radii) / np.maximum(slope, 1e-6)
             angles = np.clip(angles - step, 0.0, self.largest_angle_rad)
         return np.where(radii <= shown[-1], angles, np.nan)
-
-
-def fisheye_from_mapping(tree: Mapping[str, Any], path: Path) -> FisheyeCamera:
-    """A FisheyeCamera from the content of a camera.yaml; `path` is named in errors."""
-    return mounted.lens_camera(FisheyeCamera, tree, path, "a fisheye camera", 4)

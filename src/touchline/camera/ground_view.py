@@ -11,13 +11,12 @@ from functools import lru_cache
 import numpy.typing as npt
 
 from touchline.camera.base import Camera, ground_jacobian, pixel_covariances, pose_in_base
-from touchline.camera.fisheye import FisheyeCamera
 from touchline.camera.imu_correction import ImuCorrection
+from touchline.camera.mounted import PerspectiveCamera
 from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
 from touchline.geometry import BoolArray, FloatArray, Pose3
 
-PerspectiveCamera = PinholeCamera | FisheyeCamera  # with a lens, and an optical axis
 MAX_LEAN_RAD = math.radians(60.0)  # a robot that leans more has fallen, and its lines are no lines on the ground
 
 

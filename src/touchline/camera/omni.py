@@ -92,6 +92,12 @@ class OmniCamera:
             np.array([*self.center, self.handedness, yaw, radii[0], _STEP_PX, radii[-1], np.cos(yaw), np.sin(yaw)]),
         )
 
+    @classmethod
+    def from_mapping(cls, tree: dict[str, Any], path: Path) -> "OmniCamera":
+        """A camera from the content of a camera.yaml; `path` is named in errors."""
+        with naming_lines(path):
+            return _from_mapping(tree, path)
+
     @property
     def uncertainty(self) -> CameraUncertainty:
         """How sure the tables are: as stated, or as usual."""
@@ -169,12 +175,6 @@ def require_omni(camera: Camera, purpose: str) -> OmniCamera:
     if isinstance(camera, OmniCamera):
         return camera
     raise InputError(f"{purpose} an omnidirectional camera; this camera is a {camera.model}")
-
-
-def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
-    """An OmniCamera from the content of a camera.yaml; `path` is named in errors."""
-    with naming_lines(path):
-        return _from_mapping(tree, path)
 
 
 def _from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:

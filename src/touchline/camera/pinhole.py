@@ -13,10 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import mounted
 from touchline.camera.imu_correction import ImuCorrection, correction_from_mapping, correction_mapping
+from touchline.camera.mounted import PerspectiveCamera
 from touchline.camera.reading import naming_lines
-from touchline.geometry import FloatArray, Pose3
+from touchline.geometry import FloatArray
 
 _MIN_DEPTH_M = 1e-6
 _MAX_TANGENT = 12.0  # tangent of the angle to the optical axis: 85°
@@ -27,66 +27,64 @@ _CONVERGED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class PinholeCamera:
-    """A perspective camera on a body that leans.
+class PinholeCamera(PerspectiveCamera):
+    """A perspective camera with an image plane. distortion: (5,) OpenCV's k1, k2, p1, p2, k3.
 
-    fx, fy, cx, cy: focal lengths and principal point (px). distortion: (5,) OpenCV's k1, k2, p1, p2, k3.
-    base_from_camera: its mount, on a body that does not lean. use_attitude: whether the IMU's roll and pitch are used.
-    imu_correction: what they do to undistorted pixels, where it has been learned (see `GroundView`).
-    largest_radius: how far from the optical axis at unit depth the distortion is trusted: to the image's corners, and
-    no farther than where it stops growing.
-    Raises InputError for a size or focal length that is not positive and for a camera at or below the ground.
+    imu_correction: what the IMU's roll and pitch do to undistorted pixels, where it has been learned (see
+    `GroundView`). largest_radius: how far from the optical axis at unit depth the distortion is trusted: to the image's
+    corners, and no farther than where it stops growing.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: FloatArray
-    base_from_camera: Pose3
-    use_attitude: bool = True
     imu_correction: ImuCorrection | None = None
     largest_radius: float = field(init=False)
     model: ClassVar[str] = "pinhole"
+    coefficients: ClassVar[tuple[str, ...]] = ("k1", "k2", "p1", "p2", "k3")
+    scales_angles: ClassVar[bool] = False
+    own_keys: ClassVar[tuple[str, ...]] = ("imu_correction",)
+    ros_model: ClassVar[str] = "plumb_bob"
 
     def __post_init__(self) -> None:
-        mounted.check_lens(self, "k1, k2, p1, p2, k3")
+        super().__post_init__()
         object.__setattr__(self, "largest_radius", self._trusted_radius())
 
     def camera_rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Unit vectors (N, 3) of pixels (N, 2) in the camera body frame; NaN where the distortion is not trusted."""
-        plane = self._undistorted(mounted.in_focal_lengths(self, pixels))
+        plane = self._undistorted(self.in_focal_lengths(pixels))
         rays = np.column_stack((np.ones(len(plane)), -plane))
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays
 
     def undistorted(self, pixels: npt.ArrayLike) -> FloatArray:
         """Where a lens without distortion would show pixels (N, 2); NaN where the distortion is not trusted."""
-        return mounted.in_pixels(self, self._undistorted(mounted.in_focal_lengths(self, pixels)))
+        return self.in_pixels(self._undistorted(self.in_focal_lengths(pixels)))
 
     def distorted(self, pixels: npt.ArrayLike) -> FloatArray:
         """The inverse of `undistorted`."""
-        return self._shown(mounted.in_focal_lengths(self, pixels))
+        return self._shown(self.in_focal_lengths(pixels))
 
     def image_from_camera(self, points: FloatArray) -> FloatArray:
         """Pixels (N, 2) u, v of points (N, 3) in the camera body frame; NaN behind it and far outside the image."""
         depth = np.where(points[:, 0] > _MIN_DEPTH_M, points[:, 0], np.nan)
         return self._shown(-points[:, 1:] / depth[:, np.newaxis])
 
-    def plane_radius(self, angles_rad: FloatArray) -> FloatArray:
-        """Tangents (N,) of angles (N,) to the optical axis: a focal length scales these."""
-        return np.tan(angles_rad)
+    @classmethod
+    def from_mapping(cls, tree: Mapping[str, Any], path: Path) -> "PinholeCamera":
+        """A camera from the content of a camera.yaml; `path` is named in errors."""
+        camera, learned = super().from_mapping(tree, path), tree.get("imu_correction")
+        if learned is None:
+            return camera
+        with naming_lines(path):
+            return replace(camera, imu_correction=correction_from_mapping(learned, path))
 
-    ray, sees, corrected = mounted.ray, mounted.sees, mounted.corrected
-    ground_from_image, ground_covariances = mounted.ground_from_image, mounted.ground_covariances
-    image_from_ground, image_from_base = mounted.image_from_ground, mounted.image_from_base
+    def mapping(self) -> dict[str, Any]:
+        """Its camera.yaml."""
+        learned = self.imu_correction
+        return super().mapping() | ({} if learned is None else {"imu_correction": correction_mapping(learned)})
 
     def _shown(self, plane: FloatArray) -> FloatArray:
         """Pixels (N, 2) of x, y (N, 2) at unit depth; NaN beyond `largest_radius`."""
         plane[~(np.hypot(*plane.T) <= self.largest_radius)] = np.nan
-        return mounted.in_pixels(self, self._distorted(plane))
+        return self.in_pixels(self._distorted(plane))
 
     def _distorted(self, plane: FloatArray) -> FloatArray:
         """Where the lens puts x, y (N, 2) at unit depth."""
@@ -131,21 +129,5 @@ class PinholeCamera:
         turns = [float(s.real) for s in squares if abs(s.imag) < 1e-9 and s.real > 0.0]
         radius = np.linspace(0.0, min([_MAX_TANGENT, *np.sqrt(turns)]), 4001)
         distorted = radius * (1.0 + k1 * radius**2 + k2 * radius**4 + k3 * radius**6)
-        corner = mounted.corner_radius(self)
+        corner = self.corner_radius()
         return min(float(radius[-1]), _BEYOND_CORNERS * float(np.interp(corner, distorted, radius)))
-
-
-def pinhole_from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
-    """A PinholeCamera from the content of a camera.yaml; `path` is named in errors."""
-    camera = mounted.lens_camera(PinholeCamera, tree, path, "a pinhole camera", 5, ("imu_correction",))
-    learned = tree.get("imu_correction")
-    if learned is None:
-        return camera
-    with naming_lines(path):
-        return replace(camera, imu_correction=correction_from_mapping(learned, path))
-
-
-def pinhole_mapping(camera: PinholeCamera) -> dict[str, Any]:
-    """The camera.yaml of a pinhole camera."""
-    learned = camera.imu_correction
-    return mounted.lens_mapping(camera) | ({} if learned is None else {"imu_correction": correction_mapping(learned)})

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from touchline.camera import PERSPECTIVE_MODELS, Camera, field_of_view
+from touchline.camera import Camera, field_of_view, is_perspective
 from touchline.checks.findings import Finding, Severity, graded, too_few
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
@@ -97,7 +97,7 @@ def check_projection(survey: Survey) -> Iterator[Finding]:
 def perspective_camera(survey: Survey) -> Camera | None:
     """The camera, unless it looks at a mirror, there is none, or its file is broken (the check of it says so)."""
     recording = survey.recording
-    if recording.camera_kind not in PERSPECTIVE_MODELS or recording.camera_file is None:
+    if not is_perspective(recording.camera_kind) or recording.camera_file is None:
         return None
     try:
         return recording.camera

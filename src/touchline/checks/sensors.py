@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import PERSPECTIVE_MODELS
+from touchline.camera import is_perspective
 from touchline.checks.delay import base_steps
 from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import MOTION_COLUMNS, Survey
@@ -90,7 +90,7 @@ def check_presence(survey: Survey) -> Iterator[Finding]:
 def _no_compass(survey: Survey, what: str) -> Iterator[Finding]:
     """What a recording without a compass needs; a humanoid's system asks none: only where its ends look alike."""
     recording = survey.recording
-    if recording.camera_kind not in PERSPECTIVE_MODELS and (not recording.has_observations or survey.seen["point"]):
+    if not is_perspective(recording.camera_kind) and (not recording.has_observations or survey.seen["point"]):
         yield Finding("compass", Severity.WARNING, "imu.csv", what, _NO_COMPASS)
         return
     field = survey.field

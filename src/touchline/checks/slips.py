@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.camera import PERSPECTIVE_MODELS
+from touchline.camera import is_perspective
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
@@ -216,7 +216,7 @@ def _ranges(recording: Recording) -> Iterator[Finding]:
 
 def _mounts(recording: Recording) -> Iterator[Finding]:
     """Where a perspective camera is: `mount` of camera.yaml, and camera_pose.csv."""
-    if recording.camera_kind not in PERSPECTIVE_MODELS:
+    if not is_perspective(recording.camera_kind):
         return
     places: list[tuple[str, str, float, float]] = []
     if recording.camera_file is not None:

@@ -35,13 +35,14 @@ def compile_loops(
 
     What is there already is not compiled again, nor what the wheel touchline-kernels brings.
     """
+    from touchline.camera import OmniCamera, PerspectiveCamera
     from touchline.systems import SYSTEMS
 
     steps: list[tuple[str, Callable[[], None]]] = []
     for name, info in SYSTEMS.items():
-        examples = [("omni", _run_example), ("pinhole", _walk_example)]
-        wanted = [example for model, example in examples if model in info.cameras]
-        wanted += [_carried_example] if "omni" in info.cameras else []
+        examples = [(OmniCamera, _run_example), (PerspectiveCamera, _walk_example)]
+        wanted = [example for kind, example in examples if kind in info.cameras]
+        wanted += [_carried_example] if OmniCamera in info.cameras else []
         steps += [(name, partial(_each, wanted, name))]
     steps += [
         ("odometry that fails, a body that sways, late images, the papers' form", _fault_example),

@@ -139,7 +139,7 @@ def announce_compiling(say: Callable[[str], None]) -> Iterator[None]:
 
         def on_start(self, event: Any) -> None:
             if not self.shown:
-                say("compiling the inner loops, once on this machine: up to a minute (or ahead: touchline compile)")
+                say("compiling the inner loops, once on this machine: a minute or two (or ahead: touchline compile)")
                 self.shown = True
 
         def on_end(self, event: Any) -> None: ...

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
-from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
+from touchline.camera import PerspectiveCamera, is_perspective
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose
@@ -46,7 +46,7 @@ def robot_setup(source: Recording) -> RobotSetup:
     the systems for mirrors can take it then. Raises InputError for a camera or field that can't be read.
     """
     kind = source.camera_kind
-    own_detector = kind == NO_CAMERA or (kind in PERSPECTIVE_MODELS and source.has_observations)
+    own_detector = kind == NO_CAMERA or (is_perspective(kind) and source.has_observations)
     if not own_detector:
         return RobotSetup(source.field, source.camera, source.wheel_directions_rad)
     height_m = None

@@ -14,7 +14,6 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 
 FORMAT = 1
 NO_CAMERA = "none"
-CAMERA_KINDS = ("omni", "pinhole", "fisheye", NO_CAMERA)
 SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
 _MAX_NAME = 200
 
@@ -74,12 +73,15 @@ def _check_format(path: Path, number: object) -> None:
 
 
 def _camera_kind(path: Path, kind: object, camera_file: Path, model: Mapping[str, Any] | None) -> str:
+    from touchline.camera import CAMERAS
+
+    known = (*CAMERAS, NO_CAMERA)
     if kind is None:
-        raise InputError(f"{path}: key 'camera' is missing; one of {', '.join(CAMERA_KINDS)}")
-    if kind not in CAMERA_KINDS:
-        raise InputError(f"{path}: camera '{kind!s:.60}' is not known; {did_you_mean(str(kind), CAMERA_KINDS)}")
+        raise InputError(f"{path}: key 'camera' is missing; one of {', '.join(known)}")
+    if kind not in known:
+        raise InputError(f"{path}: camera '{kind!s:.60}' is not known; {did_you_mean(str(kind), known)}")
     found = None if model is None else model.get("model")
-    if found in CAMERA_KINDS and found != kind:  # whoever needs the camera is told of the rest
+    if found in known and found != kind:  # whoever needs the camera is told of the rest
         raise InputError(f"{camera_file}: describes a camera of model '{found}', but {path} says camera '{kind}'")
     return str(kind)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import MODELS
+from touchline.camera import OmniCamera, PerspectiveCamera
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel
@@ -24,7 +24,7 @@ _OWN = SystemInfo(
     "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
     TouchlineSettings,
     Touchline,
-    cameras=MODELS,
+    cameras=(OmniCamera, PerspectiveCamera),
 )
 
 
@@ -97,13 +97,12 @@ def open_system(
     chosen = settings_from_mapping(info.settings, settings or {}) if isinstance(settings, Mapping | None) else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
-    if setup.camera is not None and setup.camera.model not in info.cameras:
-        omni = "omni" in info.cameras
+    if setup.camera is not None and not isinstance(setup.camera, info.cameras):
+        omni = OmniCamera in info.cameras
         seen = "line points in images of an omnidirectional" if omni else "lines in images of a perspective"
-        others = [other.name for other in SYSTEMS.values() if setup.camera.model in other.cameras]
         model = "an omni" if setup.camera.model == "omni" else f"a {setup.camera.model}"
         raise InputError(
-            f"{name} finds {seen} camera; this camera is {model}: take --system {others[0]}. "
+            f"{name} finds {seen} camera; this camera is {model}: take --system {DEFAULT_SYSTEM}. "
             "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
             "points or an observation in Python"
         )

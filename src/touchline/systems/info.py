@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.motion import MotionHistory
 from touchline.perception import Detector
@@ -42,7 +43,7 @@ class Needs:
 class SystemInfo:
     """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
 
-    needs: sensors whose absence is reported to the user. cameras: the camera models in whose images it can see.
+    needs: sensors whose absence is reported to the user. cameras: classes of those in whose images it can see.
     """
 
     name: str
@@ -50,4 +51,4 @@ class SystemInfo:
     settings: type[Settings]
     factory: Callable[..., LocalizationSystem]
     needs: Needs | None = None
-    cameras: tuple[str, ...] = ("omni",)
+    cameras: tuple[type, ...] = (OmniCamera,)

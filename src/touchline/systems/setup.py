@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Protocol
 
-from touchline.camera import Camera, OmniCamera, open_camera
+from touchline.camera import Camera, OmniCamera, PerspectiveCamera, open_camera
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.given import given_numbers, refused
@@ -51,7 +51,7 @@ class RobotSetup:
     @property
     def walks(self) -> bool:
         """Whether the robot has legs, as one whose camera sees a sector: a mirror stands on wheels."""
-        return self.height_m is not None if self.camera is None else self.camera.model != "omni"
+        return self.height_m is not None if self.camera is None else isinstance(self.camera, PerspectiveCamera)
 
     @property
     def leans(self) -> bool:

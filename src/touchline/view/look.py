@@ -5,7 +5,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from touchline.camera import PERSPECTIVE_MODELS, Camera, GroundView, open_camera
+from touchline.camera import Camera, GroundView, is_perspective, open_camera
 from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tum import pose_text
@@ -118,8 +118,8 @@ def look_at_recording(
         _readable(source, index)  # before the system goes a long way for nothing
     setup = robot_setup(source)
     system = system or DEFAULT_SYSTEM
-    unseen = setup.camera is not None and setup.camera.model not in system_info(system).cameras
-    if unseen and source.camera_kind in PERSPECTIVE_MODELS:
+    unseen = setup.camera is not None and not isinstance(setup.camera, system_info(system).cameras)
+    if unseen and is_perspective(source.camera_kind):
         return _look_with_truth(source, index or 0, system)
     running = open_system(system, setup)
     stepped = _first_located(source, running) if index is None else _step_to(source, running, index)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from touchline.camera import OmniCamera, PerspectiveCamera, perspective_mapping
+from touchline.camera import OmniCamera, PerspectiveCamera
 from touchline.errors import InputError
 from touchline.evaluation.metrics import associate
 from touchline.evaluation.tum import read_tum, seconds_text, stamp_from_text, write_tum
@@ -39,7 +39,7 @@ def write_inputs(drive: Drive, folder: Path, name: str) -> None:
         a, b = drive.setup.wheel_directions_rad
         about["wheels"] = {"a_dir_rad": a, "b_dir_rad": b}
     assert isinstance(camera, OmniCamera | PerspectiveCamera)
-    described = omni_mapping(camera) if isinstance(camera, OmniCamera) else perspective_mapping(camera)
+    described = omni_mapping(camera) if isinstance(camera, OmniCamera) else camera.mapping()
     for file, tree in (("sequence.yaml", about), ("camera.yaml", described)):
         (folder / file).write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
     if drive.prior is not None and drive.prior.pose is not None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from touchline.camera import OmniCamera, PerspectiveCamera
 from touchline.errors import InputError
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.workers import Workers
@@ -49,8 +50,7 @@ class Scored(NamedTuple):
 
 def takes(system: str, track: str) -> bool:
     """Whether a system has what it needs on a track."""
-    cameras = system_info(system.removesuffix(PAPER)).cameras
-    return "omni" in cameras if track == MIRROR else "pinhole" in cameras
+    return (OmniCamera if track == MIRROR else PerspectiveCamera) in system_info(system.removesuffix(PAPER)).cameras
 
 
 def opened(entry: Entry, folder: Path) -> tuple[Recording, Drive, str] | None:

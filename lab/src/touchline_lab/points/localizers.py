@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import Pose
 from touchline.localization.registration.registration import Registration
@@ -114,7 +115,7 @@ _OF_PARTS: Mapping[str, Callable[[FieldModel], PointLocalizer]] = {OWN: ByRegist
 
 def point_systems() -> tuple[str, ...]:
     """The names that `point_localizer` knows: systems that need no more than line points."""
-    return tuple(dict.fromkeys((OWN, *(name for name, info in SYSTEMS.items() if "omni" in info.cameras))))
+    return tuple(dict.fromkeys((OWN, *(name for name, info in SYSTEMS.items() if OmniCamera in info.cameras))))
 
 
 def point_localizer(name: str, field: FieldModel) -> PointLocalizer:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from touchline.camera import Camera, OmniCamera, camera_from_mapping, perspective_mapping, require_omni
+from touchline.camera import Camera, OmniCamera, camera_from_mapping, require_omni
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, IntArray, Pose
@@ -131,7 +131,7 @@ class Simulation:
         """The mapping that a recording's camera.yaml holds."""
         if isinstance(self.camera_model, SimulatedOmniCamera):
             return omni_mapping(known_camera(self.scenario.camera, self.head, self.camera_model))
-        return perspective_mapping(self.camera_model.design)
+        return self.camera_model.design.mapping()
 
     @cached_property
     def truth(self) -> Truth:

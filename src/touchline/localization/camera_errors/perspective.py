@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from touchline.camera import Camera, ground_view
+from touchline.camera import PerspectiveCamera, ground_view
 from touchline.errors import InputError
 from touchline.field.offset_map import CHUNK
 from touchline.geometry import FloatArray, Pose3
@@ -76,12 +76,12 @@ class PerspectiveTerms(NamedTuple):
     focal_ratio: float
 
 
-def perspective_errors(camera: Camera | None, height_m: float | None = None) -> CameraErrors:
+def perspective_errors(camera: PerspectiveCamera | None, height_m: float | None = None) -> CameraErrors:
     """Those of a camera, or of one at a height behind a detector of the robot's own."""
     eye = np.array([0.0, 0.0, height_m or HEIGHT_M])
     if camera is not None:
         eye = np.ascontiguousarray(camera.base_from_camera.translation_m)
-    height_m, fisheye = float(eye[2]), camera is not None and camera.model == "fisheye"
+    height_m, fisheye = float(eye[2]), camera is not None and camera.scales_angles
     prior = np.diag(np.square(OWN_DEVIATIONS if camera is None else DEVIATIONS))
     lean = Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / height_m)
 
@@ -100,7 +100,7 @@ def perspective_errors(camera: Camera | None, height_m: float | None = None) -> 
     )
 
 
-def _pose(camera: Camera, frame: Frame) -> Pose3 | None:
+def _pose(camera: PerspectiveCamera, frame: Frame) -> Pose3 | None:
     lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
     try:
         return ground_view(camera, frame.base_from_camera, *lean).pose

@@ -1,4 +1,4 @@
-"""The line graph in the image of a fisheye camera, in which straight lines are bent.
+"""The line graph in the image of a fisheye or any other lens that bends straight lines.
 
 Three perspective patches of it, side by side, are looked at one after the other: in each of them lines are straight and
 posts rise straight, and no patch is so wide that its edges are blown up, as those of one image plane of 140° would be.
@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
-from touchline.camera import Camera, FisheyeCamera, GroundView, PinholeCamera
+from touchline.camera import Camera, GroundView, PerspectiveCamera, PinholeCamera
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, Pose3
 from touchline.perception.detector import check_size
@@ -31,12 +31,12 @@ Place = TypeVar("Place", Crossings, Landmarks)
 
 
 class Patch:
-    """A perspective camera within a fisheye camera, turned by yaw_rad about the camera's own z axis.
+    """A pinhole camera within one that bends lines, turned by yaw_rad about the camera's own z axis.
 
     seams: (2,) u from which on and up to which the image belongs to this patch; beyond is a neighbour's.
     """
 
-    def __init__(self, camera: FisheyeCamera, yaw_rad: float, half_rad: float) -> None:
+    def __init__(self, camera: PerspectiveCamera, yaw_rad: float, half_rad: float) -> None:
         self.turn = Pose3.from_roll_pitch_yaw(0.0, 0.0, yaw_rad)
         self._whole = camera
         wide = math.tan(half_rad + _OVERLAP_RAD)
@@ -78,9 +78,9 @@ class Patch:
 
 
 class PatchedLineGraphDetector:
-    """A `Detector` for a fisheye camera: `LineGraphDetector` in three patches. The middle one learns the colours."""
+    """A `Detector` for a lens that bends lines: `LineGraphDetector` in three patches, the middle one learns colours."""
 
-    def __init__(self, camera: FisheyeCamera, settings: LineGraphSettings, field: FieldModel) -> None:
+    def __init__(self, camera: PerspectiveCamera, settings: LineGraphSettings, field: FieldModel) -> None:
         self.camera, self.settings = camera, settings
         edges = camera.camera_rays([(0.0, camera.cy), (camera.width - 1.0, camera.cy)])
         half = float(np.nanmax(np.abs(np.arctan2(edges[:, 1], edges[:, 0])))) / 3.0
@@ -167,8 +167,9 @@ def line_graph_detector(
     camera: Camera, settings: LineGraphSettings, field: FieldModel
 ) -> LineGraphDetector | PatchedLineGraphDetector:
     """The line graph for a perspective camera's lens. Raises InputError for a camera that looks at a mirror."""
-    kind = PatchedLineGraphDetector if isinstance(camera, FisheyeCamera) else LineGraphDetector
-    return kind(camera, settings, field)  # type: ignore[arg-type]
+    if isinstance(camera, PerspectiveCamera) and not isinstance(camera, PinholeCamera):
+        return PatchedLineGraphDetector(camera, settings, field)
+    return LineGraphDetector(camera, settings, field)
 
 
 def _cells(pixels: float) -> int:

@@ -26,7 +26,7 @@ def calibrated_imu(
     source = open_source(recording, follow_links)
     before = source.camera if camera is None else open_camera(camera)
     if not isinstance(before, PinholeCamera):
-        what = "looks at a mirror" if before.model == "omni" else "is a fisheye"
+        what = "looks at a mirror" if before.model == "omni" else f"is a {before.model}"
         raise InputError(f"{recording}: its camera {what}; the IMU's correction is for pinhole cameras")
     found = calibrate_imu(source, before, paper)
     words = _words(found)

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
+from touchline.camera import PerspectiveCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.field.region import OWN_HALF, Region
@@ -188,5 +188,5 @@ NIMBRO_LINES = SystemInfo(
     "lines, crossings, posts of a walking robot's camera, augmented MCL (Schulz and Behnke 2012)",
     NimbroLinesSettings,
     NimbroLines,
-    cameras=PERSPECTIVE_MODELS,
+    cameras=(PerspectiveCamera,),
 )

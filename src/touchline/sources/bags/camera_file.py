@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
+from touchline.camera import PerspectiveCamera, is_perspective
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.sources.folder import Recording
@@ -14,13 +14,13 @@ _PLUMB_BOB, _FISHEYE = ("plumb_bob", ""), ("equidistant", "fisheye")
 
 def ros_camera(recording: Recording) -> PerspectiveCamera | None:
     """The camera of a recording, where ROS has messages for its kind; None, too, where its file holds no camera."""
-    if recording.camera_kind not in PERSPECTIVE_MODELS:
+    if not is_perspective(recording.camera_kind):
         return None
     try:
         camera = recording.camera
     except InputError:
         return None
-    return camera if isinstance(camera, PerspectiveCamera) else None
+    return camera if isinstance(camera, PerspectiveCamera) and camera.ros_model else None
 
 
 def camera_mapping(info: Any, base_from_camera: Pose3 | None) -> dict[str, Any] | str:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from touchline.camera import PerspectiveCamera, perspective_mapping
+from touchline.camera import PerspectiveCamera
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
 from touchline.sources.bags.with_rosbags import Codec
@@ -94,17 +94,14 @@ class StandardMessages:
 
     def camera_info(self, stamp_ns: int, camera: PerspectiveCamera) -> Any:
         """sensor_msgs/CameraInfo of a camera."""
-        keys = perspective_mapping(camera)
-        fx, fy, cx, cy = (float(keys[key]) for key in ("fx", "fy", "cx", "cy"))
-        matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        fisheye = keys["model"] == "fisheye"
+        matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
         return self._make(
             "sensor_msgs/msg/CameraInfo",
             header=self.header(stamp_ns, OPTICAL),
             height=camera.height,
             width=camera.width,
-            distortion_model="equidistant" if fisheye else "plumb_bob",
-            d=keys["distortion"],
+            distortion_model=camera.ros_model,
+            d=camera.distortion.tolist(),
             k=matrix.ravel(),
             r=np.eye(3).ravel(),
             p=np.column_stack((matrix, np.zeros(3))).ravel(),

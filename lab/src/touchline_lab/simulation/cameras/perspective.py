@@ -66,7 +66,7 @@ def _check_lens(design: PerspectiveCamera) -> None:
 def _ray_grid(design: PerspectiveCamera) -> RayGrid:
     shape = (design.height, design.width)
     lens = (design.fx, design.fy, design.cx, design.cy, *design.distortion.tolist())
-    directions = _camera_rays(isinstance(design, FisheyeCamera), shape, lens) @ design.base_from_camera.rotation.T
+    directions = _camera_rays(type(design), shape, lens) @ design.base_from_camera.rotation.T
     place = design.base_from_camera.translation_m
     rays = np.hstack((np.broadcast_to(place, directions.shape), directions)).reshape(*shape, 6).astype(np.float32)
     still = with_glare(np.zeros((*shape, 4), dtype=np.float32), rays)
@@ -74,12 +74,11 @@ def _ray_grid(design: PerspectiveCamera) -> RayGrid:
 
 
 @lru_cache(maxsize=2)
-def _camera_rays(fisheye: bool, shape: tuple[int, int], lens: tuple[float, ...]) -> FloatArray:
+def _camera_rays(kind: type[PerspectiveCamera], shape: tuple[int, int], lens: tuple[float, ...]) -> FloatArray:
     """Unit vectors (H * W, 3) of all pixels in the camera body frame; lens: fx, fy, cx, cy, distortion."""
     fx, fy, cx, cy, *distortion = lens
     height, width = shape
     upright = Pose3(np.eye(3), np.array([0.0, 0.0, 1.0]))
     v, u = np.indices(shape, dtype=np.float64)
-    kind = FisheyeCamera if fisheye else PinholeCamera
     camera = kind(width, height, fx, fy, cx, cy, np.array(distortion), upright)
     return camera.camera_rays(np.column_stack((u.ravel(), v.ravel())))
