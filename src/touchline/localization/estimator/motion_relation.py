@@ -20,6 +20,7 @@ from touchline.matrices import copy_row, inverse, times
 from touchline.motion import MotionHistory
 from touchline.motion.odometry import step_to
 from touchline.motion.samples import interpolate
+from touchline.types import Problem, ProblemCode
 
 WINDOW = 32  # steps: three seconds
 STEP_S, MAX_STEP_S = 0.09, 0.5  # time between the images of a step
@@ -30,7 +31,7 @@ MAX_COST = 9.0  # of one step, as in a shove
 USUAL_COST = 0.75  # of a step, above which costs add up to an alarm
 MAX_SUM, MAX_MEAN, MAX_GAIN = 40.0, 2.0, 30.0  # of such costs; of the window's; of an explanation, from where it counts
 SUFFIXES = (6, 12, WINDOW)  # newest steps over which an explanation is tried: a fault begins within the window
-TURNING = "images turn while the robot does not"
+SPINNING = Problem(ProblemCode.IMAGES_SPIN, "images turn while the robot does not")
 _STILL = 0.002  # largest step (m + rad) of an odometry that stands still
 MAX_LEFT = 1.0  # mean cost that a named explanation leaves
 LAGS_S = np.arange(-0.6, 0.601, 0.05)
@@ -61,21 +62,38 @@ class Culprit(StrEnum):
 
 
 class Explanation(NamedTuple):
-    """A fault that would explain what contradicts: whose, and the sentence of it."""
+    """A fault that would explain what contradicts, and whose it is."""
 
     culprit: Culprit
-    text: str
+    problem: Problem
 
 
+def _of_odometry(code: str, sentence: str) -> Explanation:
+    return Explanation(Culprit.ODOMETRY, Problem(code, sentence))
+
+
+def _of_images(code: str, sentence: str) -> Explanation:
+    return Explanation(Culprit.IMAGES, Problem(code, sentence))
+
+
+SIDES_EXCHANGED = _of_images(ProblemCode.IMAGES_MIRRORED, "images are mirrored: left and right are exchanged")
 # multipliers of the odometry's (ahead, aside, turn) that make it what the images show
 SIGNS = {
-    (1, 1, -1): Explanation(Culprit.ODOMETRY, "odometry turns the wrong way: its theta has the wrong sign"),
-    (-1, 1, 1): Explanation(Culprit.ODOMETRY, "odometry drives backwards: its x has the wrong sign"),
-    (1, -1, 1): Explanation(Culprit.ODOMETRY, "odometry drives to the wrong side: its y has the wrong sign"),
-    (-1, -1, 1): Explanation(Culprit.ODOMETRY, "odometry drives the wrong way: its x and y have the wrong sign"),
-    (-1, -1, -1): Explanation(Culprit.ODOMETRY, "odometry moves the wrong way: x, y and theta have the wrong sign"),
-    (1, -1, -1): Explanation(Culprit.IMAGES, "images are mirrored: left and right are exchanged"),
-    (-1, 1, -1): Explanation(Culprit.IMAGES, "images are mirrored: ahead and behind are exchanged"),
+    (1, 1, -1): _of_odometry(
+        ProblemCode.ODOMETRY_TURN_SIGN, "odometry turns the wrong way: its theta has the wrong sign"
+    ),
+    (-1, 1, 1): _of_odometry(ProblemCode.ODOMETRY_X_SIGN, "odometry drives backwards: its x has the wrong sign"),
+    (1, -1, 1): _of_odometry(
+        ProblemCode.ODOMETRY_Y_SIGN, "odometry drives to the wrong side: its y has the wrong sign"
+    ),
+    (-1, -1, 1): _of_odometry(
+        ProblemCode.ODOMETRY_WAY_SIGN, "odometry drives the wrong way: its x and y have the wrong sign"
+    ),
+    (-1, -1, -1): _of_odometry(
+        ProblemCode.ODOMETRY_ALL_SIGNS, "odometry moves the wrong way: x, y and theta have the wrong sign"
+    ),
+    (1, -1, -1): SIDES_EXCHANGED,
+    (-1, 1, -1): _of_images(ProblemCode.IMAGES_MIRRORED, "images are mirrored: ahead and behind are exchanged"),
 }
 _MULTIPLIERS, _SUFFIXES = np.array(list(SIGNS), dtype=np.float64), np.array(SUFFIXES)
 SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, PANNED, GYRO, FIRST_LAG = range(
@@ -597,23 +615,25 @@ class MotionRelation:
             return list(SIGNS.values())[self._best]
         if self._best >= FIRST_LAG:
             late_s = float(LAGS_S[self._best - FIRST_LAG])
+            code = ProblemCode.IMAGES_LATE if late_s > 0.0 else ProblemCode.IMAGES_EARLY
             when = "too late" if late_s > 0.0 else "too early"
-            return Explanation(Culprit.STAMPS, f"images are stamped {1e3 * abs(late_s):.0f} ms {when}")
+            return Explanation(Culprit.STAMPS, Problem(code, f"images are stamped {1e3 * abs(late_s):.0f} ms {when}"))
         return {
-            SCALE: Explanation(
-                Culprit.ODOMETRY, f"odometry tells {self._times_more} the way: wheels slip, or its scale"
+            SCALE: _of_odometry(
+                ProblemCode.ODOMETRY_SCALE, f"odometry tells {self._times_more} the way: wheels slip, or its scale"
             ),
-            TURN_SCALE: Explanation(
-                Culprit.ODOMETRY, f"odometry tells {self._times_more} the turn: its scale is wrong"
+            TURN_SCALE: _of_odometry(
+                ProblemCode.ODOMETRY_TURN_SCALE, f"odometry tells {self._times_more} the turn: its scale is wrong"
             ),
-            ROTATION: Explanation(
-                Culprit.IMAGES, f"images are turned by {math.degrees(self.parameter):.0f}° against the wheels"
+            ROTATION: _of_images(
+                ProblemCode.IMAGES_TURNED,
+                f"images are turned by {math.degrees(self.parameter):.0f}° against the wheels",
             ),
             DRIFT: self._drifting(),
-            STILL_ODOMETRY: Explanation(Culprit.ODOMETRY, "odometry stands still while the images move"),
-            PANNED: Explanation(Culprit.IMAGES, TURNING),
-            STILL_IMAGES: Explanation(Culprit.IMAGES, "the image has not changed while the wheels turned"),
-            GYRO: Explanation(Culprit.ODOMETRY, "odometry turns otherwise than images and gyro"),
+            STILL_ODOMETRY: _of_odometry(ProblemCode.ODOMETRY_FROZEN, "odometry stands still while the images move"),
+            PANNED: Explanation(Culprit.IMAGES, SPINNING),
+            STILL_IMAGES: _of_images(ProblemCode.IMAGES_REPEAT, "the image has not changed while the wheels turned"),
+            GYRO: _of_odometry(ProblemCode.ODOMETRY_AGAINST_GYRO, "odometry turns otherwise than images and gyro"),
         }[self._best]
 
     @property
@@ -655,14 +675,14 @@ class MotionRelation:
     def _drifting(self) -> Explanation:
         images, odometry = self._gyro_agrees()
         if images < odometry:
-            return Explanation(Culprit.ODOMETRY, "odometry's heading drifts")
-        return Explanation(Culprit.IMAGES, TURNING)
+            return _of_odometry(ProblemCode.ODOMETRY_DRIFT, "odometry's heading drifts")
+        return Explanation(Culprit.IMAGES, SPINNING)
 
     def _unexplained(self) -> Explanation:
         images, odometry = self._gyro_agrees()
         if images < 0.5 * odometry and odometry > SIGMA_RAD:
-            return Explanation(Culprit.ODOMETRY, "odometry contradicts images and gyro")
-        return Explanation(Culprit.IMAGES, "images contradict odometry")
+            return _of_odometry(ProblemCode.ODOMETRY_AGAINST_GYRO, "odometry contradicts images and gyro")
+        return _of_images(ProblemCode.IMAGES_AGAINST_ODOMETRY, "images contradict odometry")
 
 
 def _ends(
