@@ -34,7 +34,7 @@ from touchline.types import ProblemCode
 
 QUANTILE = 0.99
 # what is said with right, or is no sensor's fault
-NO_FALSE_ALARM = ProblemCode.END_UNDECIDED, ProblemCode.IMAGES_LATE_CORRECTED
+NO_FALSE_ALARM = ProblemCode.END_UNDECIDED, ProblemCode.STAMPS_LATE_CORRECTED
 APART_S = 2.0  # values beyond the quantile that lie nearer are of one event
 SLIP_EVERY_S, SLIP_S, SLIP_M_S = 10.0, 0.2, 1.5  # how often wheels slip, for how long, and how fast they roll then
 _LONE_S = 4.0  # from when on one line alone is seen

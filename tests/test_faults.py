@@ -381,7 +381,7 @@ def test_what_is_wrong_beyond_its_bound_and_noticed_is_counted_from_the_fault_on
 def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     case = tuple(kind for kind in CATALOGUE if kind.title == "mirror: odometry × 1.3")
     assert rightly_named(case, ["odometry-turn-sign"]) is True
-    assert rightly_named(case, ["images-late"]) is False
+    assert rightly_named(case, ["stamps-late"]) is False
     assert rightly_named(case, ["images-against-odometry", "pose-open"]) is None
     frozen = tuple(kind for kind in CATALOGUE if kind.title == "mirror: the same image with new stamps")
     assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 4]) is True

@@ -260,7 +260,7 @@ def test_a_head_that_shakes_harder_than_was_assumed_at_first_is_no_delay() -> No
     drive = driven("straight-tracks", 4, 2.5, "camera.mirror.vibration_deg=0.5")
     setup = drive.setup
     system = open_system("touchline", setup)
-    assert not codes_of(*map(system.step, drive.frames)) & {"images-late", "images-late-corrected", "images-early"}
+    assert not codes_of(*map(system.step, drive.frames)) & {"stamps-late", "stamps-late-corrected", "stamps-early"}
 
 
 def test_a_head_that_nobody_tells_of_leans_and_shakes_too() -> None:

@@ -434,7 +434,7 @@ def test_a_delay_that_nobody_told_is_corrected_while_driving(delay_s: float) -> 
         assert told == []
         assert system.delay.corrected_s == 0.0
     else:
-        assert set(told) == {"images-late-corrected"}
+        assert set(told) == {"stamps-late-corrected"}
         assert len(told) <= 2, "said every 200 images"
         assert system.delay.corrected_s == pytest.approx(0.1, abs=0.005)
         assert estimate.stamp_ns == stamp_ns

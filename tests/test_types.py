@@ -87,7 +87,7 @@ def test_every_code_of_a_problem_is_documented_once() -> None:
     table = page.partition("## The codes of problems")[2].partition("\n\n## ")[0]
     rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
     assert sorted(code for row in rows for code in re.findall("`([^`]+)`", row)) == sorted(known)
-    assert str(Problem(ProblemCode.IMAGES_LATE, "so late")) == "so late"
+    assert str(Problem(ProblemCode.STAMPS_LATE, "so late")) == "so late"
 
 
 def test_kinds_and_colours_are_checked() -> None:

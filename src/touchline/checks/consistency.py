@@ -18,15 +18,10 @@ _MAX_FRAMES = 2_000  # some ten seconds of work
 _MIN_FRAMES = 25
 _SPOILS = 0.1  # of the images: a fault in more of them is an error
 # what a team can't mend, and what another check measures
-_NO_FAULT = ProblemCode.END_UNDECIDED, ProblemCode.IMAGES_LATE_CORRECTED
-_FILES = {  # how a code begins -> where to look
-    "odometry": "odometry.csv",
-    "camera": CAMERA,
-    "field": FIELD,
-    ProblemCode.END_BY_COMPASS: "imu.csv",
-    "end": FIELD,
-    ProblemCode.SENSORS_DISAGREE: FIELD,
-}
+_NO_FAULT = ProblemCode.END_UNDECIDED, ProblemCode.STAMPS_LATE_CORRECTED
+# what is at fault, or a code -> where to look
+_FILES = {"odometry": "odometry.csv", ProblemCode.END_BY_COMPASS: "imu.csv", "camera": CAMERA}
+_FILES |= dict.fromkeys(("field", "end", "sensors"), FIELD)
 _OTHER_FILE = "images.csv"
 _ADVICE = "Mend it before a match; docs/integrity.md says how each statistic tells it."
 
@@ -72,9 +67,9 @@ def _findings(problems: SaidLog, looked: int, survey: Survey) -> Iterator[Findin
     for one in problems.stretches:
         alike.setdefault(one.problem.code, []).append(one)
     for code, stretches in alike.items():
-        what, images = stretches[-1].problem.sentence, sum(one.images for one in stretches)
+        problem, images = stretches[-1].problem, sum(one.images for one in stretches)
         since_s = stretches[0].first_ns / 1e9 - survey.stamps_s[0]
-        where = next((file for begin, file in _FILES.items() if code.startswith(begin)), _OTHER_FILE)
-        text = f"{what} (in {images} of {counted(looked, 'image')}, first {since_s:.1f} s after the beginning)"
+        where = _FILES.get(code, _FILES.get(problem.at_fault, _OTHER_FILE))
+        text = f"{problem} (in {images} of {counted(looked, 'image')}, first {since_s:.1f} s after the beginning)"
         severity = Severity.ERROR if images > _SPOILS * looked else Severity.WARNING
         yield Finding("consistency", severity, where, text, _ADVICE, code)

@@ -45,7 +45,7 @@ def check_late_odometry(survey: Survey) -> Iterator[Finding]:
     if found is None or abs(found.late_s) < max(_LATE_S, _SURE * found.deviation_s):
         return
     late_ms, give_or_take = 1e3 * found.late_s, 1e3 * found.deviation_s
-    way, code = ("later", ProblemCode.IMAGES_EARLY) if late_ms > 0.0 else ("earlier", ProblemCode.IMAGES_LATE)
+    way, code = ("later", ProblemCode.STAMPS_EARLY) if late_ms > 0.0 else ("earlier", ProblemCode.STAMPS_LATE)
     what = f"odometry comes {abs(late_ms):.0f} ± {give_or_take:.0f} ms {way} than what the features show of turns"
     advice = f"Where an odometer of a bag or a live robot has no stamps, --late {late_ms:.0f} takes that off."
     yield Finding("delay", Severity.WARNING, "odometry.csv", what, advice, code)

@@ -162,7 +162,7 @@ def _late(estimates: list[Estimate], odometry: list[Samples | None]) -> Iterator
         f"too {'late' if found.late_s > 0 else 'early'}: the robot is seen where odometry had it by then"
     )
     advice = "Stamp an image when it is taken, not when it arrives, or subtract the constant delay from its stamps."
-    code = ProblemCode.IMAGES_LATE if found.late_s > 0 else ProblemCode.IMAGES_EARLY
+    code = ProblemCode.STAMPS_LATE if found.late_s > 0 else ProblemCode.STAMPS_EARLY
     yield Finding("delay", Severity.WARNING, "images.csv", what, advice, code)
 
 

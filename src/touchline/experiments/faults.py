@@ -42,7 +42,7 @@ PAIRS = {MIRROR: 70, FEATURES: 30}
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)
 BEFORE_FRAMES = 30
 _ODOMETRY = {code for code in vars(ProblemCode).values() if str(code).startswith("odometry-")}
-_STAMPS = {ProblemCode.IMAGES_LATE, ProblemCode.IMAGES_LATE_CORRECTED, ProblemCode.IMAGES_EARLY}
+_STAMPS = {ProblemCode.STAMPS_LATE, ProblemCode.STAMPS_LATE_CORRECTED, ProblemCode.STAMPS_EARLY}
 _COMPASS = {ProblemCode.END_BY_COMPASS, ProblemCode.COMPASS_WRONG, ProblemCode.COMPASS_TURNED}
 _IMAGES = _STAMPS | {
     ProblemCode.IMAGES_MIRRORED, ProblemCode.IMAGES_TURNED, ProblemCode.IMAGES_SPIN, ProblemCode.IMAGES_REPEAT,

@@ -22,11 +22,12 @@ class ProblemCode:
     IMAGES_TURNED = "images-turned"  # the camera is turned on the robot
     IMAGES_SPIN = "images-spin"  # they turn while the robot does not: a head pans, or the camera is loose
     IMAGES_REPEAT = "images-repeat"  # the same image comes again and again while the robot moves
-    IMAGES_LATE = "images-late"  # stamped too late, and not corrected
-    IMAGES_LATE_CORRECTED = "images-late-corrected"  # stamped too late by a delay that is known and taken off
-    IMAGES_EARLY = "images-early"  # stamped too early, or the odometry comes late
     IMAGES_AGAINST_ODOMETRY = "images-against-odometry"  # they contradict each other, and nothing explains it
     IMAGES_GREY = "images-grey"  # without colour
+    # the stamps of the images
+    STAMPS_LATE = "stamps-late"  # too late, and not corrected
+    STAMPS_LATE_CORRECTED = "stamps-late-corrected"  # too late by a delay that is known and taken off
+    STAMPS_EARLY = "stamps-early"  # too early, or the odometry comes late
     # camera.yaml, field.yaml, or the field that was chosen
     CAMERA_DIFFERS = "camera-differs"  # from camera.yaml, by more than that states
     CAMERA_MISSING = "camera-missing"  # an image came, and no camera model
@@ -75,3 +76,8 @@ class Problem:
 
     def __str__(self) -> str:
         return self.sentence
+
+    @property
+    def at_fault(self) -> str:
+        """What is: the first word of the code."""
+        return self.code.partition("-")[0]

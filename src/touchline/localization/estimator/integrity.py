@@ -24,7 +24,6 @@ from touchline.localization.estimator.motion_relation import (
     SIDES_EXCHANGED,
     STATISTICS,
     STEP_S,
-    Culprit,
     MotionRelation,
 )
 from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
@@ -412,7 +411,7 @@ class Integrity:
         x, y, heading = predicted
         for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
             if pose.distance_to(at) < MIRRORED_M and abs(wrap_angle(pose.heading - at.heading)) < MIRRORED_RAD:
-                self.verdict = Verdict(False, True, SIDES_EXCHANGED.problem, since_ns=stamp_ns)
+                self.verdict = Verdict(False, True, SIDES_EXCHANGED, since_ns=stamp_ns)
                 self.relation.suspect(MIRRORED, 0.0)
                 return True
         return False
@@ -559,9 +558,9 @@ class Integrity:
             self.verdict = Verdict(False, self.verdict.odometry, problem)
         elif self.verdict.problem is None or (self.relation.is_explained and self.relation.contradicts):
             relation = self.relation
-            explanation = relation.blame()
-            odometry, is_guess = explanation.culprit is Culprit.ODOMETRY, relation.is_guess
-            self.verdict = Verdict(odometry, not odometry, explanation.problem, relation.late_s, is_guess=is_guess)
+            problem = relation.blame()
+            odometry, is_guess = problem.at_fault == "odometry", relation.is_guess
+            self.verdict = Verdict(odometry, not odometry, problem, relation.late_s, is_guess=is_guess)
 
     def _image_problem(self, name: str) -> Problem:
         if name == "carpet":

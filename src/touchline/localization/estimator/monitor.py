@@ -92,7 +92,7 @@ class Monitor:
             self._take(estimate, image, history)
         self._before = estimate
         late = f"images are stamped {1e3 * self._late_s:.0f} ms too late" if self._late_s else ""
-        delayed = Problem(ProblemCode.IMAGES_LATE, late) if late else None
+        delayed = Problem(ProblemCode.STAMPS_LATE, late) if late else None
         found = delayed, self.integrity.verdict.problem, self.integrity.report_camera()
         late_m = abs(self._late_s) * float(np.hypot(*self.integrity.motion.velocity[:2]))
         spent_ms = estimate.localization_ms + 1e3 * (time.perf_counter() - start_s)

@@ -111,7 +111,7 @@ class Safeguard:
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
             self._release(stamp_ns, bank, end, delay)
-            return (Problem(ProblemCode.IMAGES_LATE_CORRECTED, f"{verdict.reason}: corrected"),)
+            return (Problem(ProblemCode.STAMPS_LATE_CORRECTED, f"{verdict.reason}: corrected"),)
         back = abs(self.integrity.lag_s + delay.corrected_s) < 2.0 * NAMED_DELAY_DEVIATION_S
         back &= delay.corrected_s > CLOCK_S
         if delay.corrected_s and (back or self.integrity.relation.refutes_delay):

@@ -73,8 +73,8 @@ class StampDelay:
         self._since_reported = 0
         late = f"images are stamped {1e3 * estimated_s:.0f} ± {1e3 * deviation_s:.0f} ms too late"
         if correctable:
-            return Problem(ProblemCode.IMAGES_LATE_CORRECTED, f"{late}: corrected")
-        return Problem(ProblemCode.IMAGES_LATE, f"{late}: {NOT_CORRECTED}")
+            return Problem(ProblemCode.STAMPS_LATE_CORRECTED, f"{late}: corrected")
+        return Problem(ProblemCode.STAMPS_LATE, f"{late}: {NOT_CORRECTED}")
 
 
 class Arrivals:
