@@ -202,7 +202,7 @@ def test_a_compass_that_had_failed_as_the_robot_was_lost_tells_no_end(moved: boo
     one.lose()
     one.start_anew()
     judged(one, 0.0, 20)  # a false one again, at the other end
-    assert one.doubts == ("the compass had failed as the robot was lost",)
+    assert [each.code for each in one.doubts] == ["compass-wrong"]
     assert not one.doubted
     judged(one, math.pi, 20)
     assert not one.doubted  # nor is it doubted in favour of the end that it had told
