@@ -44,6 +44,7 @@ class ProblemCode:
     # the pose, as nubot-mti and nubot-mcl judge it
     POSE_OFF_LINES = "pose-off-lines"  # the points lie far from the lines
     POSE_AMBIGUOUS = "pose-ambiguous"  # the points fit elsewhere as well
+    POSE_OFF_FIELD = "pose-off-field"  # it lies where no robot stands
     POSE_OPEN = "pose-open"  # no line fixes it
     # what a `Localizer` is given and leaves out
     SAMPLE_UNUSABLE = "sample-unusable"  # a sensor's sample is no measurement

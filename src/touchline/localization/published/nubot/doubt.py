@@ -107,5 +107,5 @@ class Doubt:
         if not is_observed(tracked.covariance):
             reasons.append(Problem(ProblemCode.POSE_OPEN, "no line fixes the pose"))
         if not self.search.covers(tracked.pose):
-            reasons.append(Problem(ProblemCode.FIELD_OFF_CARPET, "the pose is off the field"))
+            reasons.append(Problem(ProblemCode.POSE_OFF_FIELD, "the pose is off the field"))
         return tuple(reasons)
