@@ -16,7 +16,7 @@ import numpy as np
 
 from touchline import Localizer
 from touchline.geometry import Pose
-from touchline.types import Estimate, Status
+from touchline.types import Estimate, ProblemCode, Status
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
@@ -79,7 +79,7 @@ def play(flipped: int, seconds: float) -> list[list[float]]:
             errors.append(estimate.pose.distance_to(robot.simulation.truth[number]))
             estimates.append(estimate)
             for problem in estimate.problems:
-                if "other end of the field" in problem:
+                if problem.code == ProblemCode.END_BY_OTHERS:
                     print(f"{frame.stamp_ns / 1e9:5.1f} s, {robot.name}: {problem}")
         if number % SAID_EVERY == 0:
             for robot, estimate in zip(robots, estimates, strict=True):

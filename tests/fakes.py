@@ -11,7 +11,7 @@ import numpy as np
 
 from touchline.evaluation.tum import tum_line
 from touchline.geometry import Pose
-from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Problem, ProblemCode, Samples, Status
 
 RATE_HZ = 10.0
 STEP_NS = 100_000_000
@@ -119,6 +119,11 @@ def write_recording(folder: Path, count: int = 12, truth: bool = True) -> Path:
     return folder
 
 
+def codes_of(*estimates: Estimate) -> set[str]:
+    """Of all their problems."""
+    return {problem.code for estimate in estimates for problem in estimate.problems}
+
+
 class WatchedSystem(FakeSystem):
     """Gives bounds and statistics. In the frames 10 to 19 a fault is named and no bound is given."""
 
@@ -126,7 +131,7 @@ class WatchedSystem(FakeSystem):
         estimate, index = super().step(frame), round(frame.stamp_ns / STEP_NS)
         if 10 <= index < 20:
             doubted = estimate.unconfirmed("odometry contradicts the images")
-            faulty = ("odometry turns the wrong way: its theta has the wrong sign",)
+            faulty = (Problem(ProblemCode.ODOMETRY_TURN_SIGN, "odometry turns the wrong way"),)
             return replace(doubted, statistics={"motion": 1.5, "share": 0.2}, problems=faulty)
         bound = {"protection_m": 0.06, "protection_rad": 0.05, "end_probability": 0.99}
         return replace(estimate, statistics={"motion": 0.3, "share": 0.1}, **bound)

@@ -14,7 +14,7 @@ from touchline.checks import consistency
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import take_survey
 from touchline.sources import open_source
-from touchline.types import Estimate, Frame
+from touchline.types import Estimate, Frame, Problem, ProblemCode
 
 
 class Faulty(WatchedSystem):
@@ -24,7 +24,8 @@ class Faulty(WatchedSystem):
         estimate, count = super().step(frame), len(self.seen)
         if count == 25:
             return replace(estimate, statistics={"motion": 1.2, "share": 1.1, "scale": 0.9})
-        return replace(estimate, problems=("undecided which end of the field it is: …",)) if count == 5 else estimate
+        undecided = (Problem(ProblemCode.END_UNDECIDED, "undecided which end of the field it is"),)
+        return replace(estimate, problems=undecided) if count == 5 else estimate
 
 
 class Clean(WatchedSystem):
@@ -47,11 +48,10 @@ def found(folder: Path, monkeypatch: pytest.MonkeyPatch, system: type[WatchedSys
 
 def test_each_named_fault_is_told_with_its_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     named, unnamed = found(tmp_path / "walk", monkeypatch, Faulty, 30)
-    assert (named.severity, named.where) == (Severity.ERROR, "odometry.csv")
-    told = "odometry turns the wrong way: its theta has the wrong sign"
-    assert named.what == f"{told} (in 10 of 30 images, first 1.0 s after the beginning)"
-    assert (unnamed.severity, unnamed.where) == (Severity.WARNING, "field.yaml")
-    assert unnamed.what.startswith("sensors and field contradict each other, by motion and share (in 1 of 30 images, ")
+    assert (named.code, named.severity, named.where) == ("odometry-turn-sign", Severity.ERROR, "odometry.csv")
+    assert named.what.endswith(" (in 10 of 30 images, first 1.0 s after the beginning)")
+    assert (unnamed.code, unnamed.severity, unnamed.where) == ("sensors-disagree", Severity.WARNING, "field.yaml")
+    assert "by motion and share (in 1 of 30 images, " in unnamed.what
 
 
 def test_of_a_clean_recording_nothing_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

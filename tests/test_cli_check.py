@@ -59,7 +59,7 @@ def test_json_holds_the_findings_and_nothing_else(good: Path, capsys: pytest.Cap
     assert tree["recording"] == "omni_msl_track_short"
     assert set(tree["counts"]) == {"ok", "note", "warning", "error"}
     assert sum(tree["counts"].values()) == len(tree["findings"])
-    assert set(tree["findings"][0]) == {"check", "severity", "where", "what", "advice"}
+    assert set(tree["findings"][0]) == {"check", "severity", "where", "what", "advice", "code"}
 
 
 def test_json_of_errors_ends_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
 from touchline.evaluation.runner import RunTally, run_frames, said_text
 from touchline.geometry import Pose
-from touchline.types import Estimate, Frame, Hypothesis, Mode, Status
+from touchline.types import Estimate, Frame, Hypothesis, Mode, Problem, ProblemCode, Status
 
 HEADER = header(None).strip()
 
@@ -193,24 +193,24 @@ def test_what_a_system_says_is_kept_once(tmp_path: Path) -> None:
         """Says the same of every image, and one thing more of the third."""
 
         def step(self, frame: Frame) -> Estimate:
-            more = ("the wheels slip",) if len(self.seen) == 2 else ()
-            return replace(super().step(frame), problems=("undecided", *more))
+            more = (Problem(ProblemCode.ODOMETRY_SCALE, "the wheels slip"),) if len(self.seen) == 2 else ()
+            return replace(super().step(frame), problems=(Problem(ProblemCode.END_UNDECIDED, "undecided"), *more))
 
     said = run_into(tmp_path / "run", FakeSource(5), Talking(np.random.default_rng(0))).summary()["said"]
-    assert [one["what"] for one in said] == ["undecided", "the wheels slip"]
+    assert [one["code"] for one in said] == ["end-undecided", "odometry-scale"]
     assert said[1]["t"] > said[0]["t"]
     assert [one["images"] for one in said] == [5, 1]
     assert said_text(said[1]) == f"{said[1]['t']:.2f} s: the wheels slip"
     assert said_text(said[0]).endswith(f" to {said[0]['until']:.2f} s (5 images): undecided")
 
 
-def test_a_phrase_that_comes_again_later_is_another_stretch() -> None:
+def test_a_problem_that_comes_again_later_is_another_stretch() -> None:
     tally, frame = RunTally(), Frame(0)
     for stamp_s in (0.0, 0.1, 0.2, 5.0, 5.1):
-        what = f"the image has not changed for {stamp_s} s"
-        estimate = Estimate(round(1e9 * stamp_s), true_pose(0), np.eye(3), Status.SEARCHING, problems=(what,))
+        found = (Problem(ProblemCode.IMAGES_REPEAT, f"the image has not changed for {stamp_s} s"),)
+        estimate = Estimate(round(1e9 * stamp_s), true_pose(0), np.eye(3), Status.SEARCHING, problems=found)
         tally.add(replace(frame, stamp_ns=estimate.stamp_ns), estimate, False)
-    assert [(one.what[-5:], one.first_ns, one.last_ns, one.images) for one in tally.said.stretches] == [
+    assert [(str(one.problem)[-5:], one.first_ns, one.last_ns, one.images) for one in tally.said.stretches] == [
         ("0.2 s", 0, 200_000_000, 3),
         ("5.1 s", 5_000_000_000, 5_100_000_000, 2),
     ]

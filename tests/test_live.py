@@ -35,7 +35,7 @@ from touchline.live.playing import play
 from touchline.live.udp import UdpLink, UdpRobot
 from touchline.localizer import Localizer
 from touchline.sources import open_source
-from touchline.types import Estimate, Evidence, Observation, Status
+from touchline.types import Estimate, Evidence, Observation, Problem, ProblemCode, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 SHORT = Path(__file__).parent / "data"
@@ -176,6 +176,9 @@ def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     said = json.loads(published_datagram(Published(sure)))
     assert [said[name] for name in ("protection_m", "protection_rad", "end_probability")] == [0.06, 0.02, 1.0]
     assert said["statistics"] == {"motion": 0.5}
+    slips = replace(sure, problems=(Problem(ProblemCode.ODOMETRY_SCALE, "slips"),))
+    problems = json.loads(published_datagram(Published(slips)))["problems"]
+    assert problems == [{"code": "odometry-scale", "sentence": "slips"}]
     assert json.loads(published_datagram(Published(sure.unconfirmed("too far"))))["reason"] == "too far"
 
 
@@ -183,8 +186,9 @@ def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]
     shown = _Shown(Localizer("msl-18x12"), None, "robot")
     plain = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
     for seconds in (0.2, 0.4, 0.6):
-        what = f"the image has not changed for {seconds} s while the wheels turned"
-        shown.take(Published(replace(plain, problems=(what, "odometry drifts")), image=True))
+        repeated = Problem(ProblemCode.IMAGES_REPEAT, f"the image has not changed for {seconds} s")
+        problems = repeated, Problem(ProblemCode.ODOMETRY_DRIFT, "odometry drifts")
+        shown.take(Published(replace(plain, problems=problems), image=True))
     out = capsys.readouterr().out
     assert [out.count(text) for text in ("has not changed", "for 0.2 s", "odometry drifts")] == [1, 1, 1]
 

@@ -46,6 +46,8 @@ from touchline.types import (
     Evidence,
     Landmarks,
     Observation,
+    Problem,
+    ProblemCode,
     Status,
     generic_covariances,
     points_at,
@@ -143,7 +145,8 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
     }
     readers = {name: other.reader(name, kind, RELIABLE) for name, kind in kinds.items()}
     estimate = Estimate(7_000_000_000, Pose(2.0, 1.0, 0.5), np.diag([0.01, 0.02, 0.03]), Status.TRACKING, points=88)
-    estimate = replace(estimate, protection_m=0.06, statistics={"motion": 0.25}, reason="a twin", problems=("slips",))
+    slips = (Problem(ProblemCode.ODOMETRY_SCALE, "slips"),)
+    estimate = replace(estimate, protection_m=0.06, statistics={"motion": 0.25}, reason="a twin", problems=slips)
     found: dict[str, Any] = {}
 
     def told() -> bool:
@@ -163,7 +166,8 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
     (status,) = found["/diagnostics"].status
     values = {pair.key: pair.value for pair in status.values}
     assert (status.level, status.message) == (0, "tracking: a twin; slips")
-    assert [values[key] for key in ("points", "protection_m", "motion")] == ["88", "0.06", "0.25"]
+    named = ("points", "protection_m", "motion", "odometry-scale")
+    assert [values[key] for key in named] == ["88", "0.06", "0.25", "slips"]
     assert "protection_rad" not in values
     link.close()
     other.close()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes import codes_of
 from test_touchline_system import FIELD, errors, frame, seen
 
 from touchline.cli import main
@@ -272,7 +273,7 @@ def test_a_localizer_takes_what_the_referee_says() -> None:
     points = seen(Pose(-3.0, 1.0, 0.4), 1)
     estimate = localizer.localize(100_000_000, points=points)
     assert estimate.reason == "penalised: pushing"
-    assert "game state: is none, left out" in estimate.problems
+    assert "game-state-unusable" in codes_of(estimate)
     localizer.reset(state="back from a penalty")
     assert localizer.localize(200_000_000, points=points).pose.distance_to(Pose(-3.0, 1.0, 0.4)) < 0.2
 

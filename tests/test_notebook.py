@@ -20,7 +20,7 @@ from touchline.evaluation.run_data import carried_rows
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
 from touchline.systems import SYSTEMS, open_system
-from touchline.types import Hypothesis
+from touchline.types import Hypothesis, Problem, ProblemCode
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_an_estimate_is_a_table_of_its_poses_and_a_picture_of_them_in_a_notebook
     others = (Hypothesis(pose.mirrored(), 0.012, 0.25, covariance), Hypothesis(touchline.Pose(3.0, 0.0, 0.0), np.nan))
     estimate = touchline.Estimate(
         1_500_000_000, pose, covariance, touchline.Status.TRACKING, 0.012, 2, others, 0.75, observation=seen,
-        problems=("gyro: < 0",),
+        problems=(Problem(ProblemCode.SAMPLE_UNUSABLE, "gyro: < 0"),),
     )  # fmt: skip
     shown = estimate._repr_html_()
     cells = ["1.000 ± 0.020", "-2.500 ± 0.030", "90.000 ± 0.500", "1.2", "0.75"]

@@ -78,7 +78,7 @@ def test_the_live_loop_names_the_features_that_it_leaves_out() -> None:
         if all(map(len, (seen.lines, seen.crossings, seen.landmarks))):
             estimate = localizer.localize(frame.stamp_ns, observation=spoiled(seen, np.nan))
             for kind in ("line", "crossing", "landmark"):
-                assert any(f"a {kind} that is no measurement" in problem for problem in estimate.problems)
+                assert any(f"a {kind} that is no measurement" in str(problem) for problem in estimate.problems)
             return
     pytest.fail("no frame shows a feature of each kind")
 

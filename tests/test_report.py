@@ -262,7 +262,7 @@ def test_protection_levels_statistics_and_named_faults_are_drawn(tmp_path: Path,
     run = data["runs"][0]
     assert [run["reasons"][run["reason"][k]] for k in (5, 15)] == ["", "odometry contradicts the images"]
     assert "alt='Stanford diagram: error against protection level' src='data:image/png;base64," in shown
-    assert "1.00 to 1.90 s (10 images): odometry turns the wrong way: its theta has the wrong sign" in shown
+    assert "1.00 to 1.90 s (10 images): odometry turns the wrong way <code>odometry-turn-sign</code>" in shown
     assert "Stanford diagram" not in page, "a system without a monitor has none"
     assert "Consistency" not in page
 
@@ -410,7 +410,10 @@ def test_an_unknown_side_of_the_field_is_told(tmp_path: Path) -> None:
 def test_a_told_end_that_nothing_confirms_is_not_called_known(tmp_path: Path) -> None:
     found = {"count": 7, "other_pose": [1.0, -2.0, np.pi / 2], "probability": 0.047}
     page, _ = write(
-        tmp_path, either_side=found, prior={"pose": None, "own_half": True}, said=[{"t": 1.0, "what": "so"}]
+        tmp_path,
+        either_side=found,
+        prior={"pose": None, "own_half": True},
+        said=[{"t": 1.0, "code": "it-is", "what": "so"}],
     )
     assert "undecided which end of the field it is: in 7 of 30 images nothing but the start that was told" in page
     assert "(the other: 5 %, at last x 1.00 m" in page

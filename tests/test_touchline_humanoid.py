@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes import codes_of
 
 from touchline.evaluation.runner import robot_setup
 from touchline.field import open_field
@@ -124,7 +125,7 @@ def test_a_start_in_the_wrong_half_is_found_out_by_colours() -> None:
     assert start is not None
     estimates = localized(COLOURED, Prior(start.mirrored()))
     assert errors_m(walk(COLOURED)[0], estimates)[-8:].max() < 0.1
-    assert any("other end of the field" in problem for e in estimates for problem in e.problems)
+    assert "end-by-colours" in codes_of(*estimates)
 
 
 def test_a_given_end_counts_as_a_prior_until_colours_confirm_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +135,7 @@ def test_a_given_end_counts_as_a_prior_until_colours_confirm_it(monkeypatch: pyt
     frames = tuple(replace(frame, observation=one) for frame, one in zip(walk(COLOURED)[1], seen, strict=True))
     blind = localized(COLOURED, near_start(COLOURED), frames)
     assert all(0.006 < (e.twin_probability or 0.0) < 0.0075 for e in blind)
-    assert sum(problem.startswith("undecided which end") for e in blind for problem in e.problems) == 2
+    assert sum("end-undecided" in codes_of(e) for e in blind) == 2
     sees = localized(COLOURED, near_start(COLOURED))
     assert (sees[-1].twin_probability or 1.0) < 1e-4
     assert not any(e.problems for e in sees)
@@ -142,7 +143,7 @@ def test_a_given_end_counts_as_a_prior_until_colours_confirm_it(monkeypatch: pyt
 
 def test_a_given_end_that_nothing_can_confirm_stays_in_doubt() -> None:
     estimates = localized(WHITE, near_start(WHITE))
-    said = [e.stamp_ns for e in estimates for problem in e.problems if problem.startswith("undecided which end")]
+    said = [e.stamp_ns for e in estimates if "end-undecided" in codes_of(e)]
     assert said
     assert said[0] - estimates[0].stamp_ns < 2e9
     assert said[-1] - said[0] == pytest.approx(10e9 * (len(said) - 1), abs=1e9)
@@ -160,7 +161,7 @@ def test_a_team_mate_tells_the_end_where_no_colour_does() -> None:
     frames = tuple(replace(frame, evidence=said) for frame in walk(WHITE)[1])
     estimates = localized(WHITE, Prior(start.mirrored()), frames[:40])
     assert errors_m(walk(WHITE)[0][:40], estimates)[-8:].max() < 0.1
-    assert any(problem.startswith("team mate and ball: ") for e in estimates for problem in e.problems)
+    assert "end-by-others" in codes_of(*estimates)
     assert (estimates[-1].probability or 0.0) > 0.8
 
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -26,7 +25,7 @@ import numpy as np
 
 from touchline.evaluation.workers import open_workers
 from touchline.geometry import FloatArray
-from touchline.messages import without_numbers
+from touchline.types import ProblemCode
 from touchline_lab.experiments.catalogue import FEATURES, KINDS_OF_ROBOTS, MIRROR, driven_by
 from touchline_lab.experiments.clutter import one_line
 from touchline_lab.experiments.drives import Drive, driven, estimates_of
@@ -34,7 +33,8 @@ from touchline_lab.experiments.faults import Score, frames_of, misleading
 from touchline_lab.experiments.injections import Fault, odometry
 
 QUANTILE = 0.99
-NO_FALSE_ALARM = re.compile(r"^undecided|: corrected$")  # what is said with right, or is no sensor's fault
+# what is said with right, or is no sensor's fault
+NO_FALSE_ALARM = ProblemCode.END_UNDECIDED, ProblemCode.STAMPS_LATE_CORRECTED
 APART_S = 2.0  # values beyond the quantile that lie nearer are of one event
 SLIP_EVERY_S, SLIP_S, SLIP_M_S = 10.0, 0.2, 1.5  # how often wheels slip, for how long, and how fast they roll then
 _LONE_S = 4.0  # from when on one line alone is seen
@@ -56,7 +56,7 @@ CONDITIONS = {
 class Log(NamedTuple):
     """Of one drive: times (N,) in s and each statistic (N,). tracked: images.
 
-    alarms: what was said where nothing had been, or which statistic was beyond its threshold.
+    alarms: codes of problems where there had been none, or which statistic was beyond its threshold.
     """
 
     name: str
@@ -124,7 +124,7 @@ def log_of(task: tuple[str, int, int, float]) -> Log:
     values = {name: np.array([estimate.statistics.get(name, 0.0) for estimate in estimates]) for name in names}
     alarms, before = list[str](), set[str]()
     for estimate in estimates:
-        said = {without_numbers(text) for text in estimate.problems if not NO_FALSE_ALARM.search(text)}
+        said = {problem.code for problem in estimate.problems if problem.code not in NO_FALSE_ALARM}
         said |= {
             f"{name} is beyond its threshold"
             for name, value in estimate.statistics.items()

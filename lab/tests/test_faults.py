@@ -17,7 +17,7 @@ import pytest
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.systems import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Samples, Status, points_at
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Problem, Samples, Status, points_at
 from touchline_lab.experiments import EXPERIMENTS, catalogue, clutter, faults, faulty_play, injections
 from touchline_lab.experiments import schulz_runs as humanoids
 from touchline_lab.experiments.catalogue import (
@@ -368,12 +368,13 @@ def judged(told: Sequence[Estimate], kind: str = "odometry missing", start_s: fl
 def test_what_is_wrong_beyond_its_bound_and_noticed_is_counted_from_the_fault_on() -> None:
     here, far = Pose(2.0, 1.0, 0.3), Pose(-1.0, 1.0, 0.3)
 
-    def bounded(pose: Pose, *problems: str) -> Estimate:
+    def bounded(pose: Pose, *codes: str) -> Estimate:
+        problems = tuple(Problem(code, "") for code in codes)
         return replace(estimate(pose), protection_m=0.1, protection_rad=0.1, problems=problems)
 
     told = [
         *[bounded(far)] * 3, *[bounded(far)] * 2, bounded(here.mirrored()), bounded(Pose(2.15, 1.0, 0.3)),
-        estimate(here, Status.SEARCHING), bounded(here, "odometry stands still"), bounded(here),
+        estimate(here, Status.SEARCHING), bounded(here, "odometry-frozen"), bounded(here),
     ]  # fmt: skip
     found = judged(told)
     assert (found.score.frames, found.score.wrong, found.score.other_end) == (7, 2, 1)
@@ -389,12 +390,12 @@ def test_what_is_wrong_beyond_its_bound_and_noticed_is_counted_from_the_fault_on
 
 def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     case = tuple(kind for kind in CATALOGUE if kind.title == "mirror: odometry × 1.3")
-    assert rightly_named(case, ["odometry turns the wrong way"]) is True
-    assert rightly_named(case, ["images are stamped 300 ms too late"]) is False
-    assert rightly_named(case, ["images contradict odometry", "the robot was shoved"]) is None
+    assert rightly_named(case, ["odometry-turn-sign"]) is True
+    assert rightly_named(case, ["stamps-late"]) is False
+    assert rightly_named(case, ["images-against-odometry", "pose-open"]) is None
     frozen = tuple(kind for kind in CATALOGUE if kind.title == "mirror: the same image with new stamps")
-    unchanged = [f"the image has not changed for {0.1 * k:.1f} s while the wheels turned" for k in range(4, 9)]
-    assert rightly_named(frozen, [*unchanged, *["odometry turns the wrong way"] * 3]) is True
+    assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 4]) is True
+    assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 2]) is False
 
 
 def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(

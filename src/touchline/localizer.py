@@ -41,6 +41,8 @@ from touchline.types import (
     LinePoints,
     Observation,
     Prior,
+    Problem,
+    ProblemCode,
     Samples,
     Status,
     points_at,
@@ -58,9 +60,15 @@ _PROTECTION_SIGMAS = 6.0  # that a protection level holds of a motion's standard
 _NO_IMAGE, _NO_STAMP = "no image has been localised yet", "the stamp is no whole number of nanoseconds"
 _SEEN = {"points": "point", "lines": "line", "crossings": "crossing", "landmarks": "landmark"}
 _ODD_ORDERS = {
-    FrameOrder.LATE: "image: older than the one before, left out",
-    FrameOrder.UNCONFIRMED: "image: stamped far from the one before, left out unless the next one is there, too",
-    FrameOrder.CLOCK_SET_BACK: "image: more than a second older than the last ones: the clock was set back",
+    FrameOrder.LATE: (ProblemCode.IMAGE_OLD, "image: older than the one before, left out"),
+    FrameOrder.UNCONFIRMED: (
+        ProblemCode.IMAGE_FAR,
+        "image: stamped far from the one before, left out unless the next one is there, too",
+    ),
+    FrameOrder.CLOCK_SET_BACK: (
+        ProblemCode.IMAGE_CLOCK,
+        "image: more than a second older than the last ones: the clock was set back",
+    ),
 }
 
 _Said = TypeVar("_Said")
@@ -161,7 +169,7 @@ class Localizer:
         try:
             said = Evidence(str(source), probability, **says)
         except (InputError, TypeError):
-            self._counts.add("evidence: is none, left out")
+            self._counts.add(ProblemCode.EVIDENCE_UNUSABLE, "evidence: is none, left out")
             return
         waiting = list(self._said)
         if said.message is not None and self._messages.get(said.source) == said.message:
@@ -171,7 +179,9 @@ class Localizer:
         same = [one for one in waiting if one.source == said.source]
         old = same if len(same) >= _MAX_OF_SOURCE else [one for one in waiting if not one.known and said.known]
         if len(same) >= _MAX_OF_SOURCE or len(waiting) >= _MAX_EVIDENCE:
-            self._counts.add("evidence: more than can be taken until the next image, left out")
+            self._counts.add(
+                ProblemCode.EVIDENCE_UNUSABLE, "evidence: more than can be taken until the next image, left out"
+            )
             if not old:
                 return
             with suppress(ValueError):  # the next image has just taken it
@@ -189,7 +199,7 @@ class Localizer:
         try:
             said = GameState(stamp or 0, phase, str(penalty), bool(first_half))
         except InputError:
-            self._counts.add("game state: is none, left out")
+            self._counts.add(ProblemCode.GAME_STATE_UNUSABLE, "game state: is none, left out")
             return
         self._states.append(said)
 
@@ -326,7 +336,7 @@ class Localizer:
             self._prior, self._last = prior, None
 
     @property
-    def problems(self) -> dict[str, int]:
+    def problems(self) -> dict[Problem, int]:
         """What was wrong with the robot's data so far, and how often."""
         return dict(self._counts.so_far())
 
@@ -339,7 +349,7 @@ class Localizer:
         except (TypeError, ValueError, OverflowError):
             row = (math.nan,)
         if not all(abs(value) < MAX_VALUE for value in row):  # False for NaN
-            self._counts.add(f"{sensor}: a sample that is no measurement, left out")
+            self._counts.add(ProblemCode.SAMPLE_UNUSABLE, f"{sensor}: a sample that is no measurement, left out")
             return
         self._pending.put(sensor, stamp, row)
         self._ahead_pending.put(sensor, stamp, row)
@@ -352,21 +362,28 @@ class Localizer:
             stamp = _MAX_STAMP_NS
         if abs(stamp) < _MAX_STAMP_NS:
             return stamp
-        self._counts.add(f"{what}: a stamp that is no whole number of nanoseconds, left out")
+        self._counts.add(
+            ProblemCode.STAMP_UNUSABLE, f"{what}: a stamp that is no whole number of nanoseconds, left out"
+        )
         return None
 
     def _usable_image(self, image: ImageArray | None, may_be_missing: bool) -> ImageArray | None:
         if image is None:
             if not may_be_missing:
-                self._counts.add("image: neither image nor points were given")
+                self._counts.add(ProblemCode.IMAGE_MISSING, "image: neither image nor points were given")
             return None
         if self.camera is None:
             if not may_be_missing:
-                self._counts.add("image: no camera model was given, nor came as CameraInfo and transforms")
+                self._counts.add(
+                    ProblemCode.CAMERA_MISSING,
+                    "image: no camera model was given, nor came as CameraInfo and transforms",
+                )
             return None
         wanted = (self.camera.height, self.camera.width, 3)
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != wanted:
-            self._counts.add(f"image: is no uint8 array of shape {wanted}, as the camera model has it")
+            self._counts.add(
+                ProblemCode.IMAGE_SHAPE, f"image: is no uint8 array of shape {wanted}, as the camera model has it"
+            )
             return None
         return np.ascontiguousarray(image)
 
@@ -379,13 +396,13 @@ class Localizer:
         if observation is None and points is None:
             return None
         if not isinstance(observation, Observation | None):
-            self._counts.add("observation: is no Observation")
+            self._counts.add(ProblemCode.OBSERVATION_UNUSABLE, "observation: is no Observation")
             return Observation(stamp_ns, problem="what was given is no observation")
         given = points if observation is None else observation.points
         try:
             known = _as_floats(given) if isinstance(given, LinePoints) else points_at(_pairs(given))
         except (TypeError, ValueError):
-            self._counts.add("points: are no array (N, 2) of numbers")
+            self._counts.add(ProblemCode.OBSERVATION_UNUSABLE, "points: are no array (N, 2) of numbers")
             return Observation(stamp_ns, problem="the points can't be used")
         if observation is None:
             return self._measured(Observation(stamp_ns, known))
@@ -398,7 +415,9 @@ class Localizer:
             return seen
         for kind, one in _SEEN.items():
             if lost := len(getattr(seen, kind)) - len(getattr(usable, kind)):
-                self._counts.add(f"{kind}: a {one} that is no measurement, left out", lost)
+                self._counts.add(
+                    ProblemCode.OBSERVATION_UNUSABLE, f"{kind}: a {one} that is no measurement, left out", lost
+                )
         return usable
 
     def _usable_camera_pose(self, pose: Pose3 | None) -> Pose3 | None:
@@ -406,7 +425,7 @@ class Localizer:
             return None
         if isinstance(pose, Pose3) and np.isfinite(pose.rotation).all() and np.isfinite(pose.translation_m).all():
             return pose
-        self._counts.add("base_from_camera: is no pose, left out")
+        self._counts.add(ProblemCode.CAMERA_POSE_UNUSABLE, "base_from_camera: is no pose, left out")
         return None
 
     def _step(self, frame: Frame) -> Estimate:
@@ -415,13 +434,15 @@ class Localizer:
             estimate = self._system.step(frame)
         except Exception as error:
             _log.exception("localization failed and starts anew")
-            self._counts.add(f"localization: failed by {type(error).__name__} and started anew")
+            self._counts.add(
+                ProblemCode.LOCALIZATION_FAILED, f"localization: failed by {type(error).__name__} and started anew"
+            )
             self._system.reset(Prior(self._last.pose) if self._last is not None else self._prior)
             estimate = replace(self._last or self._unknown(frame.stamp_ns), stamp_ns=frame.stamp_ns)
             estimate = estimate.unconfirmed(f"localization failed by {type(error).__name__} and started anew")
         order = self._system.order
         if order in _ODD_ORDERS:
-            self._counts.add(_ODD_ORDERS[order])
+            self._counts.add(*_ODD_ORDERS[order])
         if order in (FrameOrder.LATE, FrameOrder.UNCONFIRMED):
             return estimate
         self._count_samples()
@@ -436,17 +457,20 @@ class Localizer:
         """What the motion history left out."""
         for sensor, count in self._history.dropped.items():
             if count:
-                self._counts.reach(f"{sensor}: a sample that was not newer than the one before, left out", count)
+                what = f"{sensor}: a sample that was not newer than the one before, left out"
+                self._counts.reach(ProblemCode.SAMPLE_OLD, what, count)
         for sensor, count in self._history.refused.items():
             if count:
-                self._counts.reach(f"{sensor}: a sample stamped far ahead of everything else, refused", count)
+                what = f"{sensor}: a sample stamped far ahead of everything else, refused"
+                self._counts.reach(ProblemCode.SAMPLE_AHEAD, what, count)
 
     def _finished(self, estimate: Estimate) -> Estimate:
         """The estimate, with what was wrong since the one before."""
         new = self._counts.new()
         if not new:
             return estimate
-        problems = tuple(what if count == 1 else f"{what} ({count} times)" for what, count in new.items())
+        many = {one: "" if count == 1 else f" ({count} times)" for one, count in new.items()}
+        problems = (Problem(one.code, one.sentence + times) for one, times in many.items())
         return replace(estimate, problems=(*estimate.problems, *problems))
 
     def _unknown(self, stamp_ns: int) -> Estimate:
@@ -500,22 +524,23 @@ class _Counts:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._counts: Counter[str] = Counter()
-        self._told: Counter[str] = Counter()
+        self._counts: Counter[Problem] = Counter()
+        self._told: Counter[Problem] = Counter()
         self._changed = False
 
-    def add(self, what: str, count: int = 1) -> None:
+    def add(self, code: str, what: str, count: int = 1) -> None:
         with self._lock:
-            self._counts[what] += count
+            self._counts[Problem(code, what)] += count
             self._changed = True
 
-    def reach(self, what: str, count: int) -> None:
+    def reach(self, code: str, what: str, count: int) -> None:
         """It has happened so often by now."""
+        problem = Problem(code, what)
         with self._lock:
-            self._changed = self._changed or count > self._counts[what]
-            self._counts[what] = max(self._counts[what], count)
+            self._changed = self._changed or count > self._counts[problem]
+            self._counts[problem] = max(self._counts[problem], count)
 
-    def new(self) -> Counter[str]:
+    def new(self) -> Counter[Problem]:
         """Since this was asked last."""
         if not self._changed:
             return Counter()
@@ -523,7 +548,7 @@ class _Counts:
             new, self._told, self._changed = self._counts - self._told, Counter(self._counts), False
         return new
 
-    def so_far(self) -> Counter[str]:
+    def so_far(self) -> Counter[Problem]:
         with self._lock:
             return Counter(self._counts)
 

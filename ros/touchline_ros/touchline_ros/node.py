@@ -121,7 +121,7 @@ class TouchlineNode(LifecycleNode):
     def _report(self, published: object) -> None:
         estimate = published.estimate
         if estimate.problems:
-            self.get_logger().warning("; ".join(estimate.problems), throttle_duration_sec=5.0)
+            self.get_logger().warning("; ".join(map(str, estimate.problems)), throttle_duration_sec=5.0)
         self.get_logger().info(repr(estimate), throttle_duration_sec=5.0)
 
     def _forget(self, request: object, response: object) -> object:

@@ -14,7 +14,7 @@ from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.sources.observations import OBSERVATIONS
 from touchline.systems import RobotSetup, open_system
-from touchline.types import Status
+from touchline.types import ProblemCode, Status
 
 _SYSTEM = "nimbro-lines"
 _MAX_FRAMES, _MIN_FRAMES = 40, 5
@@ -78,4 +78,5 @@ def _askew(lean_deg: np.ndarray) -> Iterator[Finding]:
     if float(np.abs(lean_deg).max()) > _ASKEW_DEG:
         roll, pitch = lean_deg.tolist()
         what = f"the lines say that the camera is turned by roll {roll:+.1f}°, pitch {pitch:+.1f}° throughout"
-        yield Finding("mount", Severity.NOTE, CAMERA, what, "touchline calibrate camera measures its mount.")
+        advice = "touchline calibrate camera measures its mount."
+        yield Finding("mount", Severity.NOTE, CAMERA, what, advice, ProblemCode.CAMERA_DIFFERS)

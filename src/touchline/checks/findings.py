@@ -18,7 +18,8 @@ class Severity(StrEnum):
 class Finding:
     """One finding. check: the name of the check that made it. where: a file, with line or frames if that helps.
 
-    what: what was measured, in a sentence. advice: what to do; empty if there is nothing to do.
+    what: what was measured, in a sentence. advice: what to do; empty if there is nothing to do. code: one of
+    `ProblemCode`, where one says what is wrong; else empty.
     """
 
     check: str
@@ -26,16 +27,19 @@ class Finding:
     where: str
     what: str
     advice: str = ""
+    code: str = ""
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}. {self.advice}"
 
 
-def graded(check: str, where: str, what: str, *cases: tuple[bool, Severity, str]) -> Finding:
-    """The finding by the first case that holds: condition, severity, advice. Where none does, all is well."""
+def graded(check: str, where: str, what: str, *cases: tuple[bool, Severity, str], code: str = "") -> Finding:
+    """The finding by the first case that holds: condition, severity, advice. Where none does, all is well. code: of a
+    finding that is not.
+    """
     for holds, severity, advice in cases:
         if holds:
-            return Finding(check, severity, where, what, advice)
+            return Finding(check, severity, where, what, advice, code)
     return Finding(check, Severity.OK, where, what)
 
 

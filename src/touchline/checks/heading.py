@@ -9,6 +9,7 @@ from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources.description import finite_number
+from touchline.types import ProblemCode
 
 _WINDOW_S = 0.5
 _MIN_TURN_RAD = math.radians(8.0)
@@ -37,6 +38,7 @@ def check_turns(survey: Survey) -> Iterator[Finding]:
             yield Finding("turns", Severity.NOTE, file, what, "Record a turn on the spot to have it compared.")
             continue
         tolerance = _COMPASS_TOLERANCE if name == _COMPASS else _TOLERANCE
+        code = ProblemCode.ODOMETRY_TURN_SIGN if ratio < 0.0 else ProblemCode.ODOMETRY_TURN_SCALE
         yield graded(
             "turns",
             file,
@@ -44,6 +46,7 @@ def check_turns(survey: Survey) -> Iterator[Finding]:
             (ratio < 0.0, Severity.ERROR, "One of them counts clockwise, or degrees instead of radians."),
             (ratio < 0.3, Severity.ERROR, "Check the units."),
             (abs(ratio - 1.0) > tolerance, Severity.WARNING, "Check the scale of both sensors."),
+            code="" if name == _COMPASS else code,
         )
 
 

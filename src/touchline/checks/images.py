@@ -10,7 +10,7 @@ from touchline.messages import frames_in_words
 from touchline.sources.folder import IMAGE_LIST
 from touchline.sources.observations import OBSERVATIONS
 from touchline.sources.problems import ProblemKind
-from touchline.types import CrossingKind, LandmarkKind
+from touchline.types import CrossingKind, LandmarkKind, ProblemCode
 
 SPOILED_SHARE = 0.2  # of the images; above it a warning is an error
 DARK_MEAN = 40.0
@@ -130,7 +130,8 @@ def check_frozen(survey: Survey) -> Iterator[Finding]:
     if repeated:
         what = f"{len(repeated)} repeat the image before: {frames_in_words(repeated)}"
         advice = "The camera or the recorder hung; what these images show is older than their time stamp."
-        yield Finding("frozen", _severity(len(repeated), survey), IMAGE_LIST, what, advice)
+        severity = _severity(len(repeated), survey)
+        yield Finding("frozen", severity, IMAGE_LIST, what, advice, ProblemCode.IMAGES_REPEAT)
 
 
 def _severity(count: int, survey: Survey) -> Severity:

@@ -19,7 +19,7 @@ from touchline.checks.survey import Survey
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.systems import RobotSetup, open_system
-from touchline.types import Frame, Samples, Status
+from touchline.types import Frame, ProblemCode, Samples, Status
 
 _SYSTEM = "touchline"
 _MAX_NS = 60_000_000_000
@@ -45,10 +45,10 @@ def check_late_odometry(survey: Survey) -> Iterator[Finding]:
     if found is None or abs(found.late_s) < max(_LATE_S, _SURE * found.deviation_s):
         return
     late_ms, give_or_take = 1e3 * found.late_s, 1e3 * found.deviation_s
-    way = "later" if late_ms > 0.0 else "earlier"
+    way, code = ("later", ProblemCode.STAMPS_EARLY) if late_ms > 0.0 else ("earlier", ProblemCode.STAMPS_LATE)
     what = f"odometry comes {abs(late_ms):.0f} ± {give_or_take:.0f} ms {way} than what the features show of turns"
     advice = f"Where an odometer of a bag or a live robot has no stamps, --late {late_ms:.0f} takes that off."
-    yield Finding("delay", Severity.WARNING, "odometry.csv", what, advice)
+    yield Finding("delay", Severity.WARNING, "odometry.csv", what, advice, code)
 
 
 def find_late(field: FieldModel, frames: Sequence[Frame]) -> Delay | None:

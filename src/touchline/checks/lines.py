@@ -17,7 +17,7 @@ from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.systems import RobotSetup, open_system
-from touchline.types import Estimate, Samples, Status
+from touchline.types import Estimate, ProblemCode, Samples, Status
 
 _SYSTEM = "nubot-mti"  # that leaves the camera as it is told: one that learns its errors would hide them
 _MAX_FRAMES = 100  # enough to tell a calibration, and a few tenths of a second
@@ -86,7 +86,7 @@ def _ends(estimates: list[Estimate]) -> Iterator[Finding]:
         what = "nothing tells the ends of the field apart: the other has a probability of "
         what += f"{100.0 * twin:.0f} % (median)"
         advice = "Use --own-half or --start, a compass, or what team mates say; a wrong start can't be found out."
-        yield Finding("ends", Severity.NOTE, FIELD, what, advice)
+        yield Finding("ends", Severity.NOTE, FIELD, what, advice, ProblemCode.END_UNDECIDED)
 
 
 def chosen_frames(frames: int) -> frozenset[int]:
@@ -120,7 +120,8 @@ def _deviations(
 def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
     if not len(off):
         what = f"no point lies near a line, {tracked}"
-        return Finding("lines", Severity.WARNING, FIELD, what, "Is it this field, and are the points in metres?")
+        advice = "Is it this field, and are the points in metres?"
+        return Finding("lines", Severity.WARNING, FIELD, what, advice, ProblemCode.FIELD_OFF_LINES)
     typical = float(np.median(off))
     what = f"points lie {100 * typical:.1f} cm from the lines (median), {tracked}"
     few = near_a_line < _MIN_NEAR
@@ -128,7 +129,8 @@ def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
         what += f"; but only {100 * near_a_line:.0f} % of them lie near a line at all"
     advice = "Is it this field, and this camera's calibration?"
     poor = few or typical > _POOR_M, Severity.WARNING, advice
-    return graded("lines", FIELD, what, poor, (typical > _GOOD_M, Severity.NOTE, advice))
+    code = ProblemCode.FIELD_OFF_LINES
+    return graded("lines", FIELD, what, poor, (typical > _GOOD_M, Severity.NOTE, advice), code=code)
 
 
 def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Iterator[Finding]:
@@ -146,7 +148,7 @@ def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Ite
     if abs(scale) > _SCALE:
         what = f"ranges are {'short' if scale > 0 else 'long'} by about {100 * abs(scale):.1f} %"
         advice = "Calibrate the mirror again, or check the field's size."
-        yield Finding("ranges", Severity.WARNING, CAMERA, what, advice)
+        yield Finding("ranges", Severity.WARNING, CAMERA, what, advice, ProblemCode.CAMERA_DIFFERS)
 
 
 def _late(estimates: list[Estimate], odometry: list[Samples | None]) -> Iterator[Finding]:
@@ -160,7 +162,8 @@ def _late(estimates: list[Estimate], odometry: list[Samples | None]) -> Iterator
         f"too {'late' if found.late_s > 0 else 'early'}: the robot is seen where odometry had it by then"
     )
     advice = "Stamp an image when it is taken, not when it arrives, or subtract the constant delay from its stamps."
-    yield Finding("delay", Severity.WARNING, "images.csv", what, advice)
+    code = ProblemCode.STAMPS_LATE if found.late_s > 0 else ProblemCode.STAMPS_EARLY
+    yield Finding("delay", Severity.WARNING, "images.csv", what, advice, code)
 
 
 def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
@@ -180,7 +183,7 @@ def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
     what = f"headings by the lines are {middle:+.1f}° off the true ones throughout (± {spread:.1f}°)"
     advice = f"If the truth is right, add {math.radians(middle):+.4f} rad to mount_yaw."
     severity = Severity.WARNING if abs(middle) > _POOR_HEADING_DEG else Severity.NOTE
-    yield Finding("heading", severity, CAMERA, what, advice)
+    yield Finding("heading", severity, CAMERA, what, advice, ProblemCode.IMAGES_TURNED)
 
 
 def _tilt(tilt: LearnedMirror) -> Finding:

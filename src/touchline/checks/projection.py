@@ -16,7 +16,7 @@ from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.motion.attitude import with_camera_poses
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA
-from touchline.types import ImageArray
+from touchline.types import ImageArray, ProblemCode
 
 _MIN_GROUND = 0.2  # of the image: less is sky
 _FRAMES, _MIN_FRAMES = 24, 3
@@ -203,4 +203,5 @@ def _finding(offsets: FloatArray, turns_deg: FloatArray, where: str) -> Finding:
     )
     what += f": the camera is turned by {angles} against {where} and the IMU"
     advice = "Calibrate how the camera is mounted, and the IMU."
-    return Finding("projection", Severity.WARNING if worst > _POOR_DEG else Severity.NOTE, where, what, advice)
+    severity = Severity.WARNING if worst > _POOR_DEG else Severity.NOTE
+    return Finding("projection", severity, where, what, advice, ProblemCode.CAMERA_DIFFERS)

@@ -15,7 +15,8 @@ from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, runs_of
 from touchline.sources.description import FIELD, finite_number
 from touchline.sources.folder import SENSOR_COLUMNS
-from touchline.sources.problems import Problem, ProblemKind
+from touchline.sources.problems import ProblemKind, RecordingProblem
+from touchline.types import ProblemCode
 
 _MIN_STUCK_S = 0.5
 _MIN_TRAVEL_M = 1.0
@@ -52,7 +53,7 @@ def check_rows(survey: Survey) -> Iterator[Finding]:
     problems = survey.recording.problems
     for kind, advice in _ROW_ADVICE.items():
         severity = Severity.ERROR if kind is ProblemKind.SENSOR_FILE else Severity.WARNING
-        firsts: dict[str, Problem] = {}
+        firsts: dict[str, RecordingProblem] = {}
         for problem in problems:
             if problem.kind is kind:
                 firsts.setdefault(problem.file, problem)
@@ -96,7 +97,7 @@ def _no_compass(survey: Survey, what: str) -> Iterator[Finding]:
     field = survey.field
     if field is not None and field.is_symmetric and not FieldAssociations(field).tell_ends_apart:
         what = "nothing tells both ends of the field apart: no goal or pole has a colour of its own end"
-        yield Finding("ends", Severity.NOTE, FIELD, what, _ENDS_ALIKE)
+        yield Finding("ends", Severity.NOTE, FIELD, what, _ENDS_ALIKE, ProblemCode.END_UNDECIDED)
 
 
 def check_stuck(survey: Survey) -> Iterator[Finding]:
@@ -123,7 +124,8 @@ def check_stuck(survey: Survey) -> Iterator[Finding]:
                     f"{' and '.join(names)} stay the same from t = {survey.stamps_s[start]:.2f} s for {seconds:.1f} s, "
                     f"while another sensor sees {max(moved):.2f} {unit} of motion"
                 )
-                yield Finding("stuck", Severity.WARNING, file, what, "Look at the sensor's plug and driver.")
+                code = ProblemCode.ODOMETRY_FROZEN if file == "odometry.csv" else ""
+                yield Finding("stuck", Severity.WARNING, file, what, "Look at the sensor's plug and driver.", code)
                 break
 
 

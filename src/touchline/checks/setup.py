@@ -19,6 +19,7 @@ from touchline.messages import frames_in_words
 from touchline.sources.description import CAMERA, FIELD, NO_CAMERA
 from touchline.sources.problems import ProblemKind
 from touchline.sources.truth import TRUTH
+from touchline.types import ProblemCode
 
 if TYPE_CHECKING:
     from touchline.camera import OmniCamera
@@ -96,7 +97,7 @@ def check_handedness(survey: Survey) -> Iterator[Finding]:
     else:
         what = f"the image turns against handedness in {int((scores < 0).sum())} of {len(scores)} turns"
         advice = "Change the sign of handedness (a mirrored image?) or of gz."
-        yield Finding("handedness", Severity.ERROR, CAMERA, what, advice)
+        yield Finding("handedness", Severity.ERROR, CAMERA, what, advice, ProblemCode.IMAGES_MIRRORED)
 
 
 def check_field(survey: Survey) -> Iterator[Finding]:

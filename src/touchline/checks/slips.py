@@ -24,6 +24,7 @@ from touchline.sources.folder import IMAGE_LIST, SENSOR_COLUMNS, Recording
 from touchline.sources.observations import OBSERVATIONS
 from touchline.sources.units import TIME_UNITS, first_rows, time_unit
 from touchline.systems import RobotSetup
+from touchline.types import ProblemCode
 
 _SENSOR_STEP_S = (2.0e-3, 2.0)  # shortest and longest distance of two samples
 _IMAGE_STEP_S = (1.0e-2, 10.0)  # of two images; slower ones are rather a time lapse than milliseconds
@@ -65,8 +66,8 @@ def find_slips(recording: Recording) -> list[Finding]:
     return [*chain(*of_tables, *(find(recording) for find in (_points, _ranges, _mounts, _colours)))]
 
 
-def _slip(where: str, what: str, advice: str) -> Finding:
-    return Finding("units", Severity.ERROR, where, what, advice)
+def _slip(code: str, where: str, what: str, advice: str) -> Finding:
+    return Finding("units", Severity.ERROR, where, what, advice, code)
 
 
 def _head(recording: Recording, name: str) -> _Head | None:
@@ -91,7 +92,9 @@ def _times(recording: Recording, heads: dict[str, _Head]) -> Iterator[Finding]:
         units = {recording.frame_list: time_unit(times, *limits), **units}
     for unit in TIME_UNITS:
         if files := [name for name, own in units.items() if own == unit]:
-            yield _slip(", ".join(files), f"the times look like {unit}", "Column t is in seconds.")
+            yield _slip(
+                ProblemCode.TIME_UNIT, ", ".join(files), f"the times look like {unit}", "Column t is in seconds."
+            )
 
 
 def _angles(heads: dict[str, _Head]) -> Iterator[Finding]:
@@ -105,7 +108,8 @@ def _angles(heads: dict[str, _Head]) -> Iterator[Finding]:
         if _in_degrees(name, turned, largest):
             turned[name] = math.radians(turned[name])  # as a witness for the others
             unit = "degrees per second; rates are in rad/s" if name == "gz" else "degrees; angles are in radians"
-            yield _slip(file, f"column '{name}' reaches {largest:.3g}", f"It looks like {unit}.")
+            what = f"column '{name}' reaches {largest:.3g}"
+            yield _slip(ProblemCode.ANGLE_UNIT, file, what, f"It looks like {unit}.")
 
 
 def _leans(heads: dict[str, _Head]) -> Iterator[Finding]:
@@ -116,7 +120,7 @@ def _leans(heads: dict[str, _Head]) -> Iterator[Finding]:
         lean = lean[np.isfinite(lean)]
         if len(lean) and float(np.quantile(lean, 0.95)) > math.pi:
             what = f"column '{name}' reaches {lean.max():.3g}"
-            yield _slip("imu.csv", what, "It looks like degrees; angles are in radians.")
+            yield _slip(ProblemCode.ANGLE_UNIT, "imu.csv", what, "It looks like degrees; angles are in radians.")
 
 
 def _in_degrees(name: str, turned: dict[str, float], largest: float) -> bool:
@@ -177,7 +181,7 @@ def _lengths(heads: dict[str, _Head]) -> Iterator[Finding]:
             unit = "millimetres or centimetres"
         if unit:
             what = f"a way of {way:.3g} at {speed:.3g} a second"
-            yield _slip(file, what, f"It looks like {unit}; metres are wanted.")
+            yield _slip(ProblemCode.LENGTH_UNIT, file, what, f"It looks like {unit}; metres are wanted.")
 
 
 def _points(recording: Recording) -> Iterator[Finding]:
@@ -193,8 +197,10 @@ def _points(recording: Recording) -> Iterator[Finding]:
     distances = distances[np.isfinite(distances)]
     if len(distances) and (middle := float(np.median(distances))) > max_range_m:
         what = f"what was found lies {middle:.4g} m away (median), on a field on which nothing can be farther than "
+        what += f"{max_range_m:.0f} m"
         unit = length_unit(float(np.quantile(distances, 0.9)), max_range_m)
-        yield _slip(OBSERVATIONS, f"{what}{max_range_m:.0f} m", f"It looks like {unit}; x_m and y_m are in metres.")
+        advice = f"It looks like {unit}; x_m and y_m are in metres."
+        yield _slip(ProblemCode.LENGTH_UNIT, OBSERVATIONS, what, advice)
 
 
 def _ranges(recording: Recording) -> Iterator[Finding]:
@@ -211,7 +217,7 @@ def _ranges(recording: Recording) -> Iterator[Finding]:
         if at_foot > _MAX_FOOT_M:
             what = f"range_table has {at_foot:.4g} m at the robot's foot (inner_radius_px)"
             unit = length_unit(at_foot, 0.3 * _MAX_FOOT_M)
-            yield _slip(CAMERA, what, f"It looks like {unit}; range_m is in metres.")
+            yield _slip(ProblemCode.LENGTH_UNIT, CAMERA, what, f"It looks like {unit}; range_m is in metres.")
 
 
 def _mounts(recording: Recording) -> Iterator[Finding]:
@@ -235,10 +241,10 @@ def _mounts(recording: Recording) -> Iterator[Finding]:
         if height_m > _MAX_M:
             unit = length_unit(height_m, _MAX_M)
             what = f"the {name} has the camera {height_m:.4g} m high"
-            yield _slip(file, what, f"It looks like {unit}; z is in metres.")
+            yield _slip(ProblemCode.LENGTH_UNIT, file, what, f"It looks like {unit}; z is in metres.")
         if largest_rad > _MAX_RAD:
             what = f"the {name}'s roll, pitch or yaw reaches {largest_rad:.3g}"
-            yield _slip(file, what, "It looks like degrees; angles are in radians.")
+            yield _slip(ProblemCode.ANGLE_UNIT, file, what, "It looks like degrees; angles are in radians.")
 
 
 def _colours(recording: Recording) -> Iterator[Finding]:
@@ -249,4 +255,4 @@ def _colours(recording: Recording) -> Iterator[Finding]:
     images = [image for index in indices if (image := recording.image(index)) is not None and not is_covered(image)]
     if images and all(float(np.ptp(image[::4, ::4], axis=2).mean()) < _GREY_LEVELS for image in images):
         advice = "The carpet is recognised by its green: record in colour."
-        yield _slip(IMAGE_LIST, "the images are grey, their three channels are equal", advice)
+        yield _slip(ProblemCode.IMAGES_GREY, IMAGE_LIST, "the images are grey, their three channels are equal", advice)

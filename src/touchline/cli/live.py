@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from touchline.live.loop import LiveLoop
     from touchline.live.ros_link import Transport
     from touchline.localizer import Localizer
-    from touchline.types import Estimate, System
+    from touchline.types import Estimate, Problem, System
     from touchline.view.viewer import LatestShown, Screen
 
 PORT = 28400
@@ -166,7 +166,7 @@ def live(
         silence = _Silence(loop, link, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
         refused, around = link.refused, silence.received()
-    _tell_end(loop, {**localizer.problems, **refused}, around if silence.reported else None)
+    _tell_end(loop, localizer.problems, refused, around if silence.reported else None)
 
 
 class LinkChoice(NamedTuple):
@@ -380,9 +380,9 @@ class _Shown:
         estimate, now_s = published.estimate, time.monotonic()
         self._show(estimate)
         for problem in estimate.problems:
-            alike = without_numbers(problem)
+            alike = without_numbers(problem.sentence)
             if now_s - self._shown_s.get(alike, -math.inf) > _REPEAT_S:
-                say(problem)
+                say(problem.sentence)
             self._shown_s[alike] = now_s
         if now_s - self._last_s < _EVERY_S:
             return
@@ -409,23 +409,23 @@ class _Shown:
             self._view.take(localizer.frame, estimate)
 
 
-def _tell_end(loop: LiveLoop, problems: dict[str, int], around: str | None) -> None:
-    """What came and what became of it. around: what else was received where no image came.
+def _tell_end(loop: LiveLoop, problems: dict[Problem, int], refused: dict[str, int], around: str | None) -> None:
+    """What came and what became of it. refused: messages. around: what else was received where no image came.
 
     Raises TouchlineError where there was nothing to localise, or to see with.
     """
-    from touchline.types import Status
+    from touchline.types import ProblemCode, Status
 
-    counts = loop.counts
+    counts, odd = loop.counts, {one.sentence: count for one, count in problems.items()} | refused
     by_status = ", ".join(f"{status.value} {counts[status.value]}" for status in Status)
     say(
         f"{counts['published']} of {counted(counts['images'], 'image')} looked at: {by_status}; "
         f"{counts['dropped']} dropped; {counts['readings']} samples of sensors",
-        *(f"{count} × {what}" for what, count in sorted(problems.items())),
+        *(f"{count} × {what}" for what, count in sorted(odd.items())),
     )
     if counts["evidence"]:
         say(f"{counts['evidence']} × evidence of others, left out: --team-evidence lets it count")
     if not counts["images"] and around is not None:
         raise TouchlineError(f"nothing came that could be localised: {around}")
-    if not counts[Status.TRACKING.value] and any("no camera" in what for what in problems):
+    if not counts[Status.TRACKING.value] and any(one.code == ProblemCode.CAMERA_MISSING for one in problems):
         raise TouchlineError(f"none of {counted(counts['images'], 'image')} was localised: no camera is known")

@@ -295,7 +295,7 @@ def _said(summary: dict[str, Any]) -> str:
     """What the system said while it ran; nothing where it said nothing."""
     if not summary["said"]:
         return ""
-    lines = "".join(f"<li>{html.escape(said_text(one))}</li>" for one in summary["said"])
+    lines = "".join(f"<li>{html.escape(said_text(one))} <code>{one['code']}</code></li>" for one in summary["said"])
     return f"<section><h2>What the system said</h2><ol class='small'>{lines}</ol></section>"
 
 

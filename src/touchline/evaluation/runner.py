@@ -12,7 +12,7 @@ from touchline.camera import PerspectiveCamera, is_perspective
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose
-from touchline.messages import counted, without_numbers
+from touchline.messages import counted
 from touchline.motion import FrameOrder, LeanFilter
 from touchline.motion.compass import COMPASS_FALSE
 from touchline.perception.covered import is_covered
@@ -20,12 +20,12 @@ from touchline.sources import Recording
 from touchline.sources.description import NO_CAMERA
 from touchline.systems import RobotSetup
 from touchline.systems.ordered import OrderedSystem
-from touchline.types import Estimate, Frame, Mode, Prior, Status, System
+from touchline.types import Estimate, Frame, Mode, Prior, Problem, Status, System
 from touchline.types.estimate import UNCONFIRMED
 
 _MAX_PICTURES, _MAX_THUMBNAILS = 6, 100
-_MAX_SAID = 50  # phrases of a system that are kept
-_SAID_AGAIN_NS = 1_000_000_000  # later than this a phrase begins a new stretch
+_MAX_SAID = 50  # problems of a system that are kept
+_SAID_AGAIN_NS = 1_000_000_000  # later than this a problem begins a new stretch
 
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
@@ -73,37 +73,37 @@ class KeptFrame:
 
 @dataclass(eq=False, slots=True)
 class Said:
-    """A phrase of the system in successive images, as last said: its first and last stamp, and in how many images."""
+    """A problem in successive images, as last said: its first and last stamp, and in how many images."""
 
-    what: str
+    problem: Problem
     first_ns: int
     last_ns: int
     images: int = 1
 
     def as_dict(self) -> dict[str, Any]:
         """For summary.json, in seconds."""
-        return {"t": self.first_ns / 1e9, "until": self.last_ns / 1e9, "images": self.images, "what": self.what}
+        span = {"t": self.first_ns / 1e9, "until": self.last_ns / 1e9, "images": self.images}
+        return {**span, "code": self.problem.code, "what": self.problem.sentence}
 
 
 class SaidLog:
-    """What a system says: a phrase goes on where it is said again within a second, be it with other numbers."""
+    """What a system says: a problem goes on where its code is said again within a second."""
 
     def __init__(self) -> None:
         self.stretches: list[Said] = []
 
-    def add(self, phrase: str, stamp_ns: int) -> None:
-        """A phrase of an image. Of many different ones the first are kept."""
-        alike = without_numbers(phrase)
-        last = next((one for one in reversed(self.stretches) if without_numbers(one.what) == alike), None)
+    def add(self, problem: Problem, stamp_ns: int) -> None:
+        """A problem of an image. Of many stretches the first are kept."""
+        last = next((one for one in reversed(self.stretches) if one.problem.code == problem.code), None)
         full = len(self.stretches) >= _MAX_SAID
         if last is not None and (full or stamp_ns - last.last_ns <= _SAID_AGAIN_NS):
-            last.what, last.last_ns, last.images = phrase, max(stamp_ns, last.last_ns), last.images + 1
+            last.problem, last.last_ns, last.images = problem, max(stamp_ns, last.last_ns), last.images + 1
         elif not full:
-            self.stretches.append(Said(phrase, stamp_ns, stamp_ns))
+            self.stretches.append(Said(problem, stamp_ns, stamp_ns))
 
 
 def said_text(one: Mapping[str, Any]) -> str:
-    """What summary.json holds of a phrase, in words."""
+    """What summary.json holds of a problem, in words."""
     many = f" to {one['until']:.2f} s ({counted(one['images'], 'image')})" if one.get("images", 1) > 1 else " s"
     return f"{one['t']:.2f}{many}: {one['what']}"
 
@@ -160,8 +160,8 @@ class RunTally:
         if fits_other_side(estimate):
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
             self.other_probability = estimate.twin_probability
-        for phrase in estimate.problems:
-            self.said.add(phrase, estimate.stamp_ns)
+        for problem in estimate.problems:
+            self.said.add(problem, estimate.stamp_ns)
         self.times.add(estimate.perception_ms, estimate.localization_ms)
 
     def summary(self) -> dict[str, Any]:

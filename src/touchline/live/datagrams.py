@@ -18,7 +18,8 @@ From Touchline:
     {"kind": "pose", "stamp_ns": 1, "x": 0, "y": 0, "theta": 0, "covariance": [9 numbers], "status": "tracking",
      "reason": "", "protection_m": 0.06 or null, "protection_rad": 0.02 or null, "statistics": {"motion": 0.1},
      "image": true, "map_from_odom": [x, y, theta] or null, "probability": 1 or null, "end_probability": 1 or null,
-     "residual_m": 0.01 or null, "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003,
+     "residual_m": 0.01 or null, "points": 100, "mode": "" , "dropped": 0, "after_s": 0.003,
+     "problems": [{"code": "images-mirrored", "sentence": "images are mirrored: ..."}],
      "perception_ms": 2.1, "localization_ms": 0.5, "look": {"bearing_rad": 0.5, "features": ["T crossing at 0.0, 3.0"]}}
                                                                       "look" of an image's pose alone, else null
 

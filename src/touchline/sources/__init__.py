@@ -8,16 +8,16 @@ from touchline.sources.bags.kinds import find_bag, require_bags
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.folder import SENSOR_FILES, Recording
 from touchline.sources.other_files import refuse_other_files
-from touchline.sources.problems import Problem, ProblemKind, ProblemLog
+from touchline.sources.problems import ProblemKind, ProblemLog, RecordingProblem
 from touchline.sources.truth import Truth
 
 __all__ = [
     "SENSOR_FILES",
     "BagOptions",
-    "Problem",
     "ProblemKind",
     "ProblemLog",
     "Recording",
+    "RecordingProblem",
     "Truth",
     "is_recording",
     "open_source",

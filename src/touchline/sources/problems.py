@@ -12,7 +12,7 @@ KEPT_PER_KIND = 100  # enough to read; the counts go on, the memory does not
 
 
 class ProblemKind(StrEnum):
-    """What sort of oddity a `Problem` is."""
+    """What sort of oddity a `RecordingProblem` is."""
 
     MISSING_IMAGE = "missing image"
     BROKEN_IMAGE = "broken image"
@@ -31,7 +31,7 @@ class ProblemKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class RecordingProblem:
     """One oddity. file: relative to the recording; line: counted from 1; frame: index of the image, from 0.
 
     place: file and line, or topic and message of a bag. message: a complete sentence that names the place by itself.
@@ -56,19 +56,19 @@ class ProblemLog:
 
     def __init__(self, topics: Mapping[str, str] | None = None) -> None:
         self.topics = topics or {}
-        self._kept: list[Problem] = []
+        self._kept: list[RecordingProblem] = []
         self.counts: Counter[ProblemKind] = Counter()
         self.file_counts: Counter[tuple[ProblemKind, str]] = Counter()
 
     def add(
         self, kind: ProblemKind, file: str, what: str, *, line: int | None = None, frame: int | None = None
-    ) -> Problem:
+    ) -> RecordingProblem:
         """Report a problem; its message is made of the place and `what`."""
         place = self.topics.get(file, file)
         if line is not None:
             place += f", message {line - 1}" if file in self.topics else f", line {line}"
         shown = place if frame is None else f"{place} (frame {frame})"
-        problem = Problem(file, line, frame, kind, place, f"{shown}: {what}")
+        problem = RecordingProblem(file, line, frame, kind, place, f"{shown}: {what}")
         if self.counts[kind] < KEPT_PER_KIND or not self.file_counts[kind, file]:
             self._kept.append(problem)
         self.counts[kind] += 1
@@ -92,12 +92,12 @@ class ProblemLog:
         """The counts in words, for a line of output; empty if nothing was reported."""
         return ", ".join(f"{count} × {kind.value}" for kind, count in self.counts.items())
 
-    def __getitem__(self, index: int) -> Problem:
+    def __getitem__(self, index: int) -> RecordingProblem:
         return self._kept[index]
 
     def __len__(self) -> int:
         """Number of problems kept (`total` counts all)."""
         return len(self._kept)
 
-    def __iter__(self) -> Iterator[Problem]:
+    def __iter__(self) -> Iterator[RecordingProblem]:
         return iter(self._kept)

@@ -45,7 +45,7 @@ from touchline.motion.start import StartSettings
 from touchline.perception import detector_for, observe
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
-from touchline.types import Estimate, Frame, Observation, Prior, Status, as_prior
+from touchline.types import Estimate, Frame, Observation, Prior, Problem, Status, as_prior
 from touchline.types.estimate import later
 
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
@@ -185,7 +185,7 @@ class Touchline:
         self.watch.reset()
         self.safeguard.reset(start, confirmed=prior != Prior(), own_half=prior == Prior(own_half=True))
         self.relocation.reset()
-        self.before_ns, self.problems = 0, tuple[str, ...]()
+        self.before_ns, self.problems = 0, tuple[Problem, ...]()
         if prior.poses:
             self.join(prior)
 
@@ -373,7 +373,7 @@ class Touchline:
         best = self.bank.best
         if best is None or best.fit is None or self.judged.status is not Status.TRACKING or self.judged.blind_frames:
             return
-        if self.safeguard.verdict.reason:
+        if self.safeguard.verdict.problem:
             return
         pans = frame.base_from_camera is not None  # the camera's pose then is unknown: named, and not corrected
         if not self.setup.walks:

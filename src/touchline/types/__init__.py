@@ -16,6 +16,7 @@ from touchline.types.frame import (
     Samples,
 )
 from touchline.types.game import GameState
+from touchline.types.problem import Problem, ProblemCode
 from touchline.types.seen import (
     MAX_OBSERVED_POINTS,
     Colors,
@@ -64,6 +65,8 @@ __all__ = [
     "Observation",
     "OdometryScales",
     "Prior",
+    "Problem",
+    "ProblemCode",
     "Samples",
     "Status",
     "System",

@@ -31,8 +31,8 @@ def estimate_html(estimate: Estimate, picture: str | None = None) -> str:
         f"<td>{'' if of.probability is None else f'{of.probability:.3g}'}</td></tr>"
         for name, of in rows
     )
-    said = [*filter(None, (_bound_text(estimate), estimate.reason, _statistics_text(estimate))), *estimate.problems]
-    problems = "".join(f"<p>{html.escape(each)}</p>" for each in said)
+    said = [*filter(None, (_bound_text(estimate), estimate.reason, _statistics_text(estimate)))]
+    problems = "".join(f"<p>{html.escape(str(each))}</p>" for each in (*said, *estimate.problems))
     return (
         f"<p>{estimate.stamp_ns / 1e9:.3f} s, {estimate.points} points</p><table><thead><tr>{head}</tr></thead>"
         f"<tbody>{body}</tbody></table>{problems}{_on_a_grid(estimate) if picture is None else picture}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
@@ -13,6 +13,7 @@ from touchline.enums import StrEnum
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.messages import counted
 from touchline.types.drawing import estimate_html
+from touchline.types.problem import Problem
 from touchline.types.seen import Observation
 
 UNCONFIRMED = "not yet confirmed by motion"  # reason of a pose that explains its image, before the robot has moved
@@ -143,8 +144,8 @@ class Estimate:
     localization_ms: float = 0.0
     observation: Observation | None = field(default=None, repr=False)
     mode: Mode | None = None
-    problems: tuple[str, ...] = ()
-    """What was wrong with the robot's data since the estimate before: a phrase each."""
+    problems: tuple[Problem, ...] = ()
+    """What was wrong with the robot's data since the estimate before."""
     odometry: OdometryScales | None = None
     protection_m: float | None = None
     protection_rad: float | None = None
@@ -241,7 +242,7 @@ class Estimate:
             "perception_ms": float(self.perception_ms),
             "localization_ms": float(self.localization_ms),
             "mode": None if self.mode is None else self.mode.value,
-            "problems": list(self.problems),
+            "problems": [asdict(problem) for problem in self.problems],
             "statistics": {name: _number_or_none(value) for name, value in self.statistics.items()},
         }
 

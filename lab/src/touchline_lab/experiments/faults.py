@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 
 from touchline.evaluation.protection import ALERT_LIMIT_M
 from touchline.geometry import BoolArray, FloatArray
-from touchline.messages import without_numbers
-from touchline.types import Estimate
+from touchline.types import Estimate, ProblemCode
 from touchline_lab.experiments.catalogue import (
     CATALOGUE,
     CLOUD,
@@ -43,19 +42,25 @@ FEWER, OTHERS_AT = 5, 1  # one robot in so many for the other systems, and for e
 PAIRS = {MIRROR: 70, FEATURES: 30}
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)
 BEFORE_FRAMES = 30
-NAMES = {
-    "odometry": r"^odometry|wheel",
-    "gyro": r"gyro",
-    "clock": r"stamp|clock",
-    "image": r"^(the )?images? (?!contradict)|camera|what is seen",
-    "field": r"what is seen|camera\.yaml|carpet",
-    "clutter": r"what is seen|carpet|has not changed",
-    "compass": r"compass",
-    "head": r"^(the )?images? (?!contradict)|camera|head",
-    "start": r"compass|colour",
+_ODOMETRY = {code for code in vars(ProblemCode).values() if str(code).startswith("odometry-")}
+_STAMPS = {ProblemCode.STAMPS_LATE, ProblemCode.STAMPS_LATE_CORRECTED, ProblemCode.STAMPS_EARLY}
+_COMPASS = {ProblemCode.END_BY_COMPASS, ProblemCode.COMPASS_WRONG, ProblemCode.COMPASS_TURNED}
+_IMAGES = _STAMPS | {
+    ProblemCode.IMAGES_MIRRORED, ProblemCode.IMAGES_TURNED, ProblemCode.IMAGES_SPIN, ProblemCode.IMAGES_REPEAT,
+    ProblemCode.CAMERA_DIFFERS, ProblemCode.FIELD_OFF_LINES,
+}  # fmt: skip
+CODES = {
+    "odometry": _ODOMETRY | {ProblemCode.IMAGES_TURNED, ProblemCode.IMAGES_REPEAT},  # against wheels
+    "gyro": {ProblemCode.ODOMETRY_AGAINST_GYRO},
+    "clock": _STAMPS,
+    "image": _IMAGES,
+    "field": {ProblemCode.FIELD_OFF_LINES, ProblemCode.FIELD_OFF_CARPET, ProblemCode.CAMERA_DIFFERS},
+    "clutter": {ProblemCode.FIELD_OFF_LINES, ProblemCode.FIELD_OFF_CARPET, ProblemCode.IMAGES_REPEAT},
+    "compass": _COMPASS,
+    "head": _IMAGES | {ProblemCode.ODOMETRY_DRIFT},
+    "start": _COMPASS | {ProblemCode.END_BY_COLOURS},
 }
-"""What a problem says that names a culprit of a family, as a regular expression."""
-NO_ALARM = "undecided"  # how a problem begins that is none of a sensor
+"""By family, the codes of the problems that name a culprit of it."""
 ALARMS = {
     "alarm asked within 0.5 s": (
         r"odometry \w+ the wrong way|.* all signs wrong|the same image.*|mirrored|a blob.*|images 0.*"
@@ -152,9 +157,9 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
     times_s = of.clean.times_s if count == len(of.clean.frames) else of.faulty.times_s
     first = min(int(np.searchsorted(of.clean.times_s, of.start_s)), count - 1)
     last = min(max(int(np.count_nonzero(times_s < of.end_s)), first + 1), count)
-    alarms = [[text for text in each.problems if not text.startswith(NO_ALARM)] for each in estimates]
+    alarms = [[one.code for one in each.problems if one.code != ProblemCode.END_UNDECIDED] for each in estimates]
     unbounded = ~found.bounded & found.bounded.any()
-    alarm = (~found.tracking | unbounded | np.array([bool(texts) for texts in alarms]))[first:]
+    alarm = (~found.tracking | unbounded | np.array([bool(codes) for codes in alarms]))[first:]
     edges = (max(first - BEFORE_FRAMES, 0), first, last, count)
     spans = [found.tracking[begin:end] for begin, end in pairwise(edges)]
     before, during, after = (float(span.mean()) if len(span) else math.nan for span in spans)
@@ -163,18 +168,18 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
         found.score(first),
         float(longest(found.other_end[first:]) * np.median(np.diff(times_s))),
         float(times_s[first + int(np.argmax(alarm))] - times_s[first]) if alarm.any() else None,
-        rightly_named(case, [text for texts in alarms[first:] for text in texts]),
+        rightly_named(case, [code for codes in alarms[first:] for code in codes]),
         (before, during, after),
     )
 
 
-def rightly_named(case: Case, texts: Sequence[str]) -> bool | None:
-    """Whether that is at fault which is named most often; None where nothing is named."""
-    named = Counter(without_numbers(text) for text in texts if re.search("|".join(NAMES.values()), text))
+def rightly_named(case: Case, codes: Sequence[str]) -> bool | None:
+    """Whether that is at fault which is named most often; None where nothing is named. codes: of all problems."""
+    named = Counter(code for code in codes if any(code in each for each in CODES.values()))
     if not named:
         return None
-    right = "|".join(NAMES[kind.family] for kind in case if kind.family in NAMES)
-    return bool(right) and re.search(right, named.most_common(1)[0][0]) is not None
+    most, _ = named.most_common(1)[0]
+    return any(most in CODES.get(kind.family, ()) for kind in case)
 
 
 Found = Mapping[tuple[str, str], Sequence[Outcome]]  # by case and system

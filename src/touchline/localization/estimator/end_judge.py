@@ -14,7 +14,7 @@ from touchline.localization.estimator.watch import Ends
 from touchline.localization.search.pose_search import Known, contradiction
 from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed
-from touchline.types import Frame, Prior
+from touchline.types import Frame, Prior, Problem
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 GIVEN_S = 10.0  # for which a pose has to be tracked until the half that was given says no more of where one is found
@@ -134,7 +134,7 @@ class EndJudge:
         if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
             self.swap_ends(bank)
 
-    def refute(self, bank: Bank) -> tuple[str, ...]:
+    def refute(self, bank: Bank) -> tuple[Problem, ...]:
         """Take the twin where it is clearly likelier; the problem to report."""
         if not self.end.is_refuted:
             return ()
@@ -147,7 +147,7 @@ class EndJudge:
         bank.swap_ends()
         self.end.swap_ends()
 
-    def tracked(self, seconds: float) -> tuple[str, ...]:
+    def tracked(self, seconds: float) -> tuple[Problem, ...]:
         """A pose is tracked, for so long since the last image; the problem to report."""
         self._tracked_s += seconds
         if self._tracked_s >= GIVEN_S:

@@ -13,7 +13,7 @@ import numpy as np
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization.estimator.compass_fault import CompassFaultFilter, CompassStates, supports
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView
-from touchline.types import Evidence
+from touchline.types import Evidence, Problem, ProblemCode
 
 # log-odds of an end that the operator gave: one start in 150 is given wrongly. A smaller prior costs where nothing else
 # distinguishes the ends, a larger one where it is wrong: colours and compass need an image or a second more against it
@@ -30,6 +30,8 @@ FIRST_SHARE = 0.25  # of a source's first evidence that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
 CLEAR = 3.0  # log-odds, without the prior, from which the end is confirmed
 JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
+COMPASS, COLOURS = "the compass", "the colours of goals and poles"
+_REFUTED_BY = {COMPASS: ProblemCode.END_BY_COMPASS, COLOURS: ProblemCode.END_BY_COLOURS}
 UNDECIDED_S = 10.0  # after which it is reported, and reported again, that nothing distinguishes the ends
 
 
@@ -223,13 +225,14 @@ class FieldEnd:
         return not self.undecided and (not self.colours_tell or self.probability >= min_probability)
 
     @property
-    def refutation(self) -> str:
-        """The sources against the pose, the one that weighs most first."""
-        sources = {"the compass": self.compass.log_odds, "the colours of goals and poles": self.colours, **self.others}
+    def refutation(self) -> Problem:
+        """The sources against the pose, the one that weighs most first; the code identifies that one."""
+        sources = {COMPASS: self.compass.log_odds, COLOURS: self.colours, **self.others}
         against = [source for source in sorted(sources, key=lambda one: sources[one]) if sources[source] < 0.0]
-        return f"{' and '.join(against)}: the robot is at the other end of the field"
+        code = _REFUTED_BY.get(next(iter(against), ""), ProblemCode.END_BY_OTHERS)
+        return Problem(code, f"{' and '.join(against)}: the robot is at the other end of the field")
 
-    def report_undecided(self, seconds: float) -> tuple[str, ...]:
+    def report_undecided(self, seconds: float) -> tuple[Problem, ...]:
         """Report the twin now and then while nothing seen or heard distinguishes it from a tracked pose."""
         if not self.symmetric or self.evidence_log_odds >= CLEAR:
             return ()
@@ -239,4 +242,5 @@ class FieldEnd:
         self._open_s, self._reported = 0.0, True
         twin = 100.0 * (1.0 - self.probability)
         why = "as starts are given wrongly; nothing seen or heard tells" if self.prior_log_odds else "as nothing tells"
-        return (f"undecided which end of the field it is: the other end has {twin:.1f} %, {why}",)
+        sentence = f"undecided which end of the field it is: the other end has {twin:.1f} %, {why}"
+        return (Problem(ProblemCode.END_UNDECIDED, sentence),)

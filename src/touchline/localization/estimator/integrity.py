@@ -21,9 +21,9 @@ from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import (
     LAGS_S,
     MIRRORED,
+    SIDES_EXCHANGED,
     STATISTICS,
     STEP_S,
-    Culprit,
     MotionRelation,
 )
 from touchline.localization.estimator.stamp_delay import CLOCK_S, Arrivals
@@ -35,6 +35,7 @@ from touchline.localization.registration.registration import TRACKING, Registrat
 from touchline.localization.registration.unseen import seen_ratio
 from touchline.motion import MotionHistory
 from touchline.motion.odometry import halt_of
+from touchline.types import Problem, ProblemCode
 from touchline.types.estimate import UNCONFIRMED
 
 SHARE_MEMORY, MIN_IMAGES = 10, 3  # images that a mean share is of, and with which it begins to count
@@ -86,17 +87,22 @@ NOWHERE = Pose(0.0, 0.0, 0.0)
 
 
 class Verdict(NamedTuple):
-    """Whether images, and the odometry, are trusted; the reason, empty where both are; how late images are stamped,
+    """Whether images, and the odometry, are trusted; the problem, None where both are; how late images are stamped,
     where that explains everything; since_ns: when the fault began, where that is known; is_guess: whether nothing says
     which of images and odometry is to blame.
     """
 
     images: bool
     odometry: bool
-    reason: str = ""
+    problem: Problem | None = None
     late_s: float | None = None
     since_ns: int | None = None
     is_guess: bool = False
+
+    @property
+    def reason(self) -> str:
+        """The problem in words, or ""."""
+        return "" if self.problem is None else self.problem.sentence
 
 
 class Jump(NamedTuple):
@@ -205,19 +211,20 @@ class Integrity:
         seen = len(self._shares) == SHARE_MEMORY and self.verdict is ALL_WELL
         return seen and self._worst < SETTLED
 
-    def report_camera(self) -> str | None:
+    def report_camera(self) -> Problem | None:
         """That the errors which were learned are more than camera.yaml states; at first, and now and then. Once an
         image.
         """
         self._camera_images = self._camera_images + 1 if self.statistics.get(CAMERA, 0.0) >= 1.0 else 0
         if self._camera_images % CAMERA_EVERY != 1:
             return None
-        return "the camera differs from camera.yaml by more than that states: learned from the lines"
+        sentence = "the camera differs from camera.yaml by more than that states: learned from the lines"
+        return Problem(ProblemCode.CAMERA_DIFFERS, sentence)
 
     @property
     def reason(self) -> str:
         """Why a pose may not be tracked."""
-        if self.verdict.reason or self.is_believed:
+        if self.verdict.problem or self.is_believed:
             return self.verdict.reason
         if not self.confirmed:
             return UNCONFIRMED
@@ -404,8 +411,7 @@ class Integrity:
         x, y, heading = predicted
         for at in (Pose(x, -y, -heading), Pose(-x, y, math.pi - heading)):
             if pose.distance_to(at) < MIRRORED_M and abs(wrap_angle(pose.heading - at.heading)) < MIRRORED_RAD:
-                text = "images are mirrored: left and right are exchanged"
-                self.verdict = Verdict(False, True, text, since_ns=stamp_ns)
+                self.verdict = Verdict(False, True, SIDES_EXCHANGED, since_ns=stamp_ns)
                 self.relation.suspect(MIRRORED, 0.0)
                 return True
         return False
@@ -529,7 +535,7 @@ class Integrity:
 
     def _judge(self) -> None:
         """Any statistic raises an alarm; it ends when all have come down and the robot has shown so by moving."""
-        over = bool(self.verdict.reason) and self.relation.agrees
+        over = self.verdict.problem is not None and self.relation.agrees
         in_motion = self.relation.worst >= 1.0
         if over and in_motion and not self.relation.all_round:  # a mirror's window is over within seconds
             self.relation.forget_fault()
@@ -544,23 +550,23 @@ class Integrity:
     def _raise(self, statistics: dict[str, float]) -> None:
         images = {name: statistics[name] for name in OF_IMAGES[:-1]}
         if statistics["repetition"] >= 1.0:
-            seconds = f"{self._repeated_s:.1f} s"
-            reason = f"the image has not changed for {seconds} while the wheels turned"
-            self.verdict = Verdict(False, True, reason, since_ns=self._same_since_ns)
+            sentence = f"the image has not changed for {self._repeated_s:.1f} s while the wheels turned"
+            problem = Problem(ProblemCode.IMAGES_REPEAT, sentence)
+            self.verdict = Verdict(False, True, problem, since_ns=self._same_since_ns)
         elif max(images.values()) >= 1.0:
-            reason = self._image_reason(max(images, key=lambda one: images[one]))
-            self.verdict = Verdict(False, self.verdict.odometry, reason)
-        elif not self.verdict.reason or (self.relation.is_explained and self.relation.contradicts):
+            problem = self._image_problem(max(images, key=lambda one: images[one]))
+            self.verdict = Verdict(False, self.verdict.odometry, problem)
+        elif self.verdict.problem is None or (self.relation.is_explained and self.relation.contradicts):
             relation = self.relation
-            explanation = relation.blame()
-            odometry, is_guess = explanation.culprit is Culprit.ODOMETRY, relation.is_guess
-            self.verdict = Verdict(odometry, not odometry, explanation.text, relation.late_s, is_guess=is_guess)
+            problem = relation.blame()
+            odometry, is_guess = problem.at_fault == "odometry", relation.is_guess
+            self.verdict = Verdict(odometry, not odometry, problem, relation.late_s, is_guess=is_guess)
 
-    def _image_reason(self, name: str) -> str:
+    def _image_problem(self, name: str) -> Problem:
         if name == "carpet":
-            return "the pose lies outside of the carpet"
+            return Problem(ProblemCode.FIELD_OFF_CARPET, "the pose lies outside of the carpet")
         off = f"{100.0 * (1.0 - self.share):.0f} % of what is seen lies on no line of {self._field.name}"
-        return f"{off}: clutter, another field, or camera.yaml"
+        return Problem(ProblemCode.FIELD_OFF_LINES, f"{off}: clutter, another field, or camera.yaml")
 
 
 def _is_near(pose: Pose, predicted: Pose) -> bool:

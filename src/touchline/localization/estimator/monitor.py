@@ -28,7 +28,7 @@ from touchline.localization.registration.registration import Registration
 from touchline.localization.registration.seen import seen_of
 from touchline.motion import MotionHistory
 from touchline.motion.driven import Scales
-from touchline.types import Estimate, Frame, Status
+from touchline.types import Estimate, Frame, Problem, ProblemCode, Status
 
 MIN_POINTS = 10  # line points that an image shows, or it says nothing
 SIGMA = np.diag(np.square([0.1, 0.1, 0.05]))  # covariance, at least, of a pose to its image: systems state less
@@ -91,11 +91,12 @@ class Monitor:
         if len(image.seen.positions_m) >= MIN_POINTS or len(image.seen.raw_m):
             self._take(estimate, image, history)
         self._before = estimate
-        late = "" if not self._late_s else f"images are stamped {1e3 * self._late_s:.0f} ms too late"
-        said = tuple(each for each in (late, self.integrity.verdict.reason, self.integrity.report_camera()) if each)
+        late = f"images are stamped {1e3 * self._late_s:.0f} ms too late" if self._late_s else ""
+        delayed = Problem(ProblemCode.STAMPS_LATE, late) if late else None
+        found = delayed, self.integrity.verdict.problem, self.integrity.report_camera()
         late_m = abs(self._late_s) * float(np.hypot(*self.integrity.motion.velocity[:2]))
         spent_ms = estimate.localization_ms + 1e3 * (time.perf_counter() - start_s)
-        problems = (*estimate.problems, *said)
+        problems = (*estimate.problems, *filter(None, found))
         estimate = replace(estimate, problems=problems, statistics=self.integrity.statistics, localization_ms=spent_ms)
         # offsets that are not refuted would cost these systems poses that are right: they give no bound to widen
         if self.integrity.is_consistent(MIN_SHARE_NOW) and late_m < MAX_LATE_M:

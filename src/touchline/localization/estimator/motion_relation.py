@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.enums import StrEnum
 from touchline.geometry import FloatArray, IntArray
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.visual_motion import Sighting
@@ -20,6 +19,7 @@ from touchline.matrices import copy_row, inverse, times
 from touchline.motion import MotionHistory
 from touchline.motion.odometry import step_to
 from touchline.motion.samples import interpolate
+from touchline.types import Problem, ProblemCode
 
 WINDOW = 32  # steps: three seconds
 STEP_S, MAX_STEP_S = 0.09, 0.5  # time between the images of a step
@@ -30,7 +30,7 @@ MAX_COST = 9.0  # of one step, as in a shove
 USUAL_COST = 0.75  # of a step, above which costs add up to an alarm
 MAX_SUM, MAX_MEAN, MAX_GAIN = 40.0, 2.0, 30.0  # of such costs; of the window's; of an explanation, from where it counts
 SUFFIXES = (6, 12, WINDOW)  # newest steps over which an explanation is tried: a fault begins within the window
-TURNING = "images turn while the robot does not"
+SPINNING = Problem(ProblemCode.IMAGES_SPIN, "images turn while the robot does not")
 _STILL = 0.002  # largest step (m + rad) of an odometry that stands still
 MAX_LEFT = 1.0  # mean cost that a named explanation leaves
 LAGS_S = np.arange(-0.6, 0.601, 0.05)
@@ -52,30 +52,20 @@ STATISTICS = "motion", "motion of late", "explanation"  # names
 TELLING_M, TELLING_RAD = 0.3, 0.3  # way and turns from which steps that agree show that all is well
 
 
-class Culprit(StrEnum):
-    """What contradicts the rest."""
-
-    ODOMETRY = "odometry"
-    IMAGES = "images"
-    STAMPS = "stamps"
-
-
-class Explanation(NamedTuple):
-    """A fault that would explain what contradicts: whose, and the sentence of it."""
-
-    culprit: Culprit
-    text: str
-
-
+SIDES_EXCHANGED = Problem(ProblemCode.IMAGES_MIRRORED, "images are mirrored: left and right are exchanged")
 # multipliers of the odometry's (ahead, aside, turn) that make it what the images show
 SIGNS = {
-    (1, 1, -1): Explanation(Culprit.ODOMETRY, "odometry turns the wrong way: its theta has the wrong sign"),
-    (-1, 1, 1): Explanation(Culprit.ODOMETRY, "odometry drives backwards: its x has the wrong sign"),
-    (1, -1, 1): Explanation(Culprit.ODOMETRY, "odometry drives to the wrong side: its y has the wrong sign"),
-    (-1, -1, 1): Explanation(Culprit.ODOMETRY, "odometry drives the wrong way: its x and y have the wrong sign"),
-    (-1, -1, -1): Explanation(Culprit.ODOMETRY, "odometry moves the wrong way: x, y and theta have the wrong sign"),
-    (1, -1, -1): Explanation(Culprit.IMAGES, "images are mirrored: left and right are exchanged"),
-    (-1, 1, -1): Explanation(Culprit.IMAGES, "images are mirrored: ahead and behind are exchanged"),
+    (1, 1, -1): Problem(ProblemCode.ODOMETRY_TURN_SIGN, "odometry turns the wrong way: its theta has the wrong sign"),
+    (-1, 1, 1): Problem(ProblemCode.ODOMETRY_X_SIGN, "odometry drives backwards: its x has the wrong sign"),
+    (1, -1, 1): Problem(ProblemCode.ODOMETRY_Y_SIGN, "odometry drives to the wrong side: its y has the wrong sign"),
+    (-1, -1, 1): Problem(
+        ProblemCode.ODOMETRY_WAY_SIGN, "odometry drives the wrong way: its x and y have the wrong sign"
+    ),
+    (-1, -1, -1): Problem(
+        ProblemCode.ODOMETRY_ALL_SIGNS, "odometry moves the wrong way: x, y and theta have the wrong sign"
+    ),
+    (1, -1, -1): SIDES_EXCHANGED,
+    (-1, 1, -1): Problem(ProblemCode.IMAGES_MIRRORED, "images are mirrored: ahead and behind are exchanged"),
 }
 _MULTIPLIERS, _SUFFIXES = np.array(list(SIGNS), dtype=np.float64), np.array(SUFFIXES)
 SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, PANNED, GYRO, FIRST_LAG = range(
@@ -84,7 +74,7 @@ SCALE, TURN_SCALE, ROTATION, DRIFT, STILL_ODOMETRY, STILL_IMAGES, PANNED, GYRO, 
 MIRRORED, BACK_TO_FRONT = (list(SIGNS).index(signs) for signs in ((1, -1, -1), (-1, 1, -1)))
 _FITTED = 5  # of these, from SCALE on, have a parameter
 _BY_IMAGES = np.array(
-    [one.culprit is Culprit.IMAGES for one in SIGNS.values()] + [False, False, True, False, False, True, True]
+    [one.at_fault == "images" for one in SIGNS.values()] + [False, False, True, False, False, True, True]
 )
 
 
@@ -322,7 +312,7 @@ class MotionRelation:
         self.gain, self.parameter, self._best, self._left = 0.0, 0.0, -1, 0.0
         self._delay_loss = 0.0  # of late, by a delay that is corrected
         self._alarmed: tuple[int, float] | None = None  # explanation and parameter
-        self._named: tuple[int, Culprit] | None = None  # explanation, until its alarm is over
+        self._named: tuple[int, str] | None = None  # explanation, and what is at fault, until its alarm is over
         self.clock_s = 0.0  # by how much later images are stamped since they come otherwise
         self._since_clock = 0  # steps since then
 
@@ -502,8 +492,8 @@ class MotionRelation:
             gains[[TURN_SCALE, STILL_ODOMETRY]] = -np.inf
         best, count = int(np.argmax(gains)), len(_BY_IMAGES)
         if self._named is not None:
-            named, culprit = self._named
-            if gains[named] > gains[best] - CLEARLY and by_gyro in (None, culprit is Culprit.IMAGES):
+            named, at_fault = self._named
+            if gains[named] > gains[best] - CLEARLY and by_gyro in (None, at_fault == "images"):
                 return named
         if best >= count:
             return best
@@ -561,7 +551,7 @@ class MotionRelation:
 
     def suspect(self, index: int, parameter: float) -> None:
         """Take a fault of the images to last until the motion refutes it."""
-        self._alarmed, self._named, self._since_alarm = (index, parameter), (index, Culprit.IMAGES), 0
+        self._alarmed, self._named, self._since_alarm = (index, parameter), (index, "images"), 0
 
     def set_clock(self, change_s: float) -> None:
         """Images come stamped later by so much from now on."""
@@ -582,38 +572,40 @@ class MotionRelation:
         self._fill_lags()
         return float(saved(self._steps, _MULTIPLIERS, index, 0.0, first)) < -REFUTED
 
-    def blame(self) -> Explanation:
+    def blame(self) -> Problem:
         """What explains the contradiction, as far as anything does; until `agrees` it is taken to last."""
         lasts = self.is_explained and (self._best <= ROTATION or self._best >= FIRST_LAG)
         self._alarmed, self._since_alarm = (self._best, self.parameter) if lasts else None, 0
-        explanation = self._explanation()
-        self._named = (self._best, explanation.culprit) if self.is_explained else None
-        return explanation
+        problem = self._explained()
+        self._named = (self._best, problem.at_fault) if self.is_explained else None
+        return problem
 
-    def _explanation(self) -> Explanation:
+    def _explained(self) -> Problem:
         if not self.is_explained:
             return self._unexplained()
         if self._best < len(SIGNS):
             return list(SIGNS.values())[self._best]
         if self._best >= FIRST_LAG:
             late_s = float(LAGS_S[self._best - FIRST_LAG])
+            code = ProblemCode.STAMPS_LATE if late_s > 0.0 else ProblemCode.STAMPS_EARLY
             when = "too late" if late_s > 0.0 else "too early"
-            return Explanation(Culprit.STAMPS, f"images are stamped {1e3 * abs(late_s):.0f} ms {when}")
+            return Problem(code, f"images are stamped {1e3 * abs(late_s):.0f} ms {when}")
         return {
-            SCALE: Explanation(
-                Culprit.ODOMETRY, f"odometry tells {self._times_more} the way: wheels slip, or its scale"
+            SCALE: Problem(
+                ProblemCode.ODOMETRY_SCALE, f"odometry tells {self._times_more} the way: wheels slip, or its scale"
             ),
-            TURN_SCALE: Explanation(
-                Culprit.ODOMETRY, f"odometry tells {self._times_more} the turn: its scale is wrong"
+            TURN_SCALE: Problem(
+                ProblemCode.ODOMETRY_TURN_SCALE, f"odometry tells {self._times_more} the turn: its scale is wrong"
             ),
-            ROTATION: Explanation(
-                Culprit.IMAGES, f"images are turned by {math.degrees(self.parameter):.0f}° against the wheels"
+            ROTATION: Problem(
+                ProblemCode.IMAGES_TURNED,
+                f"images are turned by {math.degrees(self.parameter):.0f}° against the wheels",
             ),
             DRIFT: self._drifting(),
-            STILL_ODOMETRY: Explanation(Culprit.ODOMETRY, "odometry stands still while the images move"),
-            PANNED: Explanation(Culprit.IMAGES, TURNING),
-            STILL_IMAGES: Explanation(Culprit.IMAGES, "the image has not changed while the wheels turned"),
-            GYRO: Explanation(Culprit.ODOMETRY, "odometry turns otherwise than images and gyro"),
+            STILL_ODOMETRY: Problem(ProblemCode.ODOMETRY_FROZEN, "odometry stands still while the images move"),
+            PANNED: SPINNING,
+            STILL_IMAGES: Problem(ProblemCode.IMAGES_REPEAT, "the image has not changed while the wheels turned"),
+            GYRO: Problem(ProblemCode.ODOMETRY_AGAINST_GYRO, "odometry turns otherwise than images and gyro"),
         }[self._best]
 
     @property
@@ -652,17 +644,17 @@ class MotionRelation:
         """Whether neither an explanation nor the gyro tells which of images and odometry is to blame."""
         return not self.is_explained and not self._gyro_tells(*self._gyro_agrees())
 
-    def _drifting(self) -> Explanation:
+    def _drifting(self) -> Problem:
         images, odometry = self._gyro_agrees()
         if images < odometry:
-            return Explanation(Culprit.ODOMETRY, "odometry's heading drifts")
-        return Explanation(Culprit.IMAGES, TURNING)
+            return Problem(ProblemCode.ODOMETRY_DRIFT, "odometry's heading drifts")
+        return SPINNING
 
-    def _unexplained(self) -> Explanation:
+    def _unexplained(self) -> Problem:
         images, odometry = self._gyro_agrees()
         if images < 0.5 * odometry and odometry > SIGMA_RAD:
-            return Explanation(Culprit.ODOMETRY, "odometry contradicts images and gyro")
-        return Explanation(Culprit.IMAGES, "images contradict odometry")
+            return Problem(ProblemCode.ODOMETRY_AGAINST_GYRO, "odometry contradicts images and gyro")
+        return Problem(ProblemCode.IMAGES_AGAINST_ODOMETRY, "images contradict odometry")
 
 
 def _ends(

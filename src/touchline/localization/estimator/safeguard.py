@@ -25,7 +25,7 @@ from touchline.localization.estimator.stamp_delay import StampDelay
 from touchline.localization.registration.registration import Registration
 from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed, delayed, moving, with_signs
-from touchline.types import Hypothesis, Status
+from touchline.types import Hypothesis, Problem, ProblemCode, Status
 
 KEPT_EVERY_S, BACK_S = 0.5, 3.0  # of poses that are kept, and how far back one is taken: an alarm comes so late
 NAMED_DELAY_DEVIATION_S = 0.03  # of a delay that the motion relation names
@@ -99,7 +99,7 @@ class Safeguard:
         history: MotionHistory,
         delay: StampDelay,
         jump: Jump,
-    ) -> tuple[str, ...]:
+    ) -> tuple[Problem, ...]:
         """Take an image after the bank has; the problem to report."""
         before = self.verdict
         verdict = self.integrity.update(stamp_ns, image, bank, history, delay.corrected_s, jump)
@@ -111,7 +111,7 @@ class Safeguard:
             bank.take_delay(verdict.late_s, NAMED_DELAY_DEVIATION_S)
             self.integrity.excuse()
             self._release(stamp_ns, bank, end, delay)
-            return (f"{verdict.reason}: corrected",)
+            return (Problem(ProblemCode.STAMPS_LATE_CORRECTED, f"{verdict.reason}: corrected"),)
         back = abs(self.integrity.lag_s + delay.corrected_s) < 2.0 * NAMED_DELAY_DEVIATION_S
         back &= delay.corrected_s > CLOCK_S
         if delay.corrected_s and (back or self.integrity.relation.refutes_delay):
@@ -127,8 +127,7 @@ class Safeguard:
             self._release(stamp_ns, bank, end, delay)
         if before.odometry and not verdict.odometry:
             self._forget_odometry(bank)
-        camera = self.integrity.report_camera()
-        return tuple(each for each in (verdict.reason, camera) if each)
+        return tuple(filter(None, (verdict.problem, self.integrity.report_camera())))
 
     def instead_of(self, found: Believed) -> Believed:
         """The pose that is held, if there is one; what was found then is another hypothesis."""

@@ -9,6 +9,7 @@ to correct them would take the motion after the stamp, which is unknown yet.
 import math
 
 from touchline.motion.samples import NANOSECONDS, SampleHistory
+from touchline.types import Problem, ProblemCode
 
 INITIAL_DEVIATION_S = 0.06  # standard deviation of the delay, at first
 MIN_S = 0.012  # that is corrected: 4 cm at 3 m/s
@@ -52,7 +53,7 @@ class StampDelay:
         self._accepted_s, self.deviation_s, self._sure = late_s, deviation_s, MIN_IMAGES
         return True
 
-    def update(self, estimated_s: float, deviation_s: float, correctable: bool = True) -> str | None:
+    def update(self, estimated_s: float, deviation_s: float, correctable: bool = True) -> Problem | None:
         """Take the delay that an image gives. correctable: not so of a head that pans and was elsewhere then.
 
         Returns the problem to report: at first and every REPORTED_EVERY images.
@@ -70,8 +71,10 @@ class StampDelay:
         if self._since_reported <= REPORTED_EVERY:
             return None
         self._since_reported = 0
-        what = "corrected" if correctable else NOT_CORRECTED
-        return f"images are stamped {1e3 * estimated_s:.0f} ± {1e3 * deviation_s:.0f} ms too late: {what}"
+        late = f"images are stamped {1e3 * estimated_s:.0f} ± {1e3 * deviation_s:.0f} ms too late"
+        if correctable:
+            return Problem(ProblemCode.STAMPS_LATE_CORRECTED, f"{late}: corrected")
+        return Problem(ProblemCode.STAMPS_LATE, f"{late}: {NOT_CORRECTED}")
 
 
 class Arrivals:

@@ -5,7 +5,7 @@ from touchline.geometry import FloatArray, mirrored_covariance
 from touchline.motion.compass import COMPASS_FALSE
 from touchline.published.nubot.global_localizer import Localization
 from touchline.published.nubot.pose_filter import PoseFilter
-from touchline.types import Hypothesis, Prior, Status
+from touchline.types import Hypothesis, Prior, Problem, Status
 
 
 class Belief:
@@ -29,8 +29,8 @@ class Belief:
         self.region: Region | None = OWN_HALF if prior.own_half else None
         self.twin_probability: float | None = 0.0
         self._compass_is_right = False  # it has agreed with an end that was told
-        self.doubts: tuple[str, ...] = ()
-        self.notes: tuple[str, ...] = ()
+        self.doubts: tuple[Problem, ...] = ()
+        self.notes: tuple[Problem, ...] = ()
 
     @property
     def is_tracking(self) -> bool:

@@ -7,6 +7,7 @@ from pydantic import Field
 from touchline.config import Settings, added
 from touchline.geometry import wrap_angle
 from touchline.published.nubot.matcher import POOR_ERROR, Match
+from touchline.types import Problem, ProblemCode
 
 # mean distance of the points to the lines below which a frame is good; a right pose has 0.03 to 0.1
 GOOD_DEVIATION_M = 0.12
@@ -88,16 +89,23 @@ class CompassCorrection:
         return wrap_angle(compass_rad + self.offset_rad)
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def doubts(self) -> tuple[Problem, ...]:
         """Why the compass is not believed, if it is not."""
-        if not self.doubted:
-            return ("the compass had failed as the robot was lost",) if self._unsettled else ()
-        return (f"the compass contradicts lines and odometry by {math.degrees(abs(self._fault_rad)):.0f} degrees",)
+        if self.doubted:
+            off_deg = math.degrees(abs(self._fault_rad))
+            sentence = f"the compass contradicts lines and odometry by {off_deg:.0f} degrees"
+        elif self._unsettled:
+            sentence = "the compass had failed as the robot was lost"
+        else:
+            return ()
+        return (Problem(ProblemCode.COMPASS_WRONG, sentence),)
 
     @property
-    def either_end(self) -> tuple[str, ...]:
+    def either_end(self) -> tuple[Problem, ...]:
         """Why the end of the field is unknown, if it is."""
-        return ("the robot was moved as the compass turned round",) if self.doubted and self._moved else ()
+        if not (self.doubted and self._moved):
+            return ()
+        return (Problem(ProblemCode.COMPASS_TURNED, "the robot was moved as the compass turned round"),)
 
     def update(
         self,

@@ -7,6 +7,7 @@ from touchline.published.nubot.global_search import GlobalFix, GlobalSearch
 from touchline.published.nubot.match_input import MatchInput
 from touchline.published.nubot.matcher import POOR_ERROR, Match
 from touchline.published.nubot.pose_filter import Fusion, PoseFilter, equal_error
+from touchline.types import Problem, ProblemCode
 
 # contradicted or poorly fitting frames in a row after which the whole field is searched for a better place, and again
 # after as many more as in LOOK_EVERY: one alone is a shove or a robot in the way
@@ -34,7 +35,7 @@ def stands_alone(
 
 
 class Doubt:
-    """Judges a tracked pose in every frame. `reasons`: why this frame's pose is not believed, a phrase each."""
+    """Judges a tracked pose in every frame. `reasons`: why this frame's pose is not believed."""
 
     def __init__(self, search: GlobalSearch, settings: FailureSettings) -> None:
         self.search = search
@@ -43,7 +44,7 @@ class Doubt:
 
     def reset(self, held_error: float = 0.0) -> None:
         """The pose was found anew, or told. held_error: mean error of a match that was not accepted but has held."""
-        self.reasons: tuple[str, ...] = ()
+        self.reasons: tuple[Problem, ...] = ()
         self._poor = self._suspect = 0
         self._supported = 0 if held_error >= POOR_ERROR else SUPPORTED_FRAMES
         self._ambiguous = False
@@ -93,16 +94,18 @@ class Doubt:
         self._ambiguous = not known and ((elsewhere and not alone) or bool(fix.rivals(pose, error)))
         return elsewhere and alone
 
-    def _found(self, match: Match | None, tracked: PoseFilter, agrees: bool) -> tuple[str, ...]:
+    def _found(self, match: Match | None, tracked: PoseFilter, agrees: bool) -> tuple[Problem, ...]:
         reasons = []
         if match is not None and match.mean_distance_m > MAX_DEVIATION_M:
-            reasons.append(f"the points lie {match.mean_distance_m:.2f} m from the lines")
+            reasons.append(
+                Problem(ProblemCode.POSE_OFF_LINES, f"the points lie {match.mean_distance_m:.2f} m from the lines")
+            )
         if not agrees:
-            reasons.append("the lines contradict the odometry")
+            reasons.append(Problem(ProblemCode.IMAGES_AGAINST_ODOMETRY, "the lines contradict the odometry"))
         if self._ambiguous:
-            reasons.append("the points fit elsewhere as well")
+            reasons.append(Problem(ProblemCode.POSE_AMBIGUOUS, "the points fit elsewhere as well"))
         if not is_observed(tracked.covariance):
-            reasons.append("no line fixes the pose")
+            reasons.append(Problem(ProblemCode.POSE_OPEN, "no line fixes the pose"))
         if not self.search.covers(tracked.pose):
-            reasons.append("the pose is off the field")
+            reasons.append(Problem(ProblemCode.POSE_OFF_FIELD, "the pose is off the field"))
         return tuple(reasons)

@@ -117,15 +117,19 @@ class StandardMessages:
         return self.transform(stamp_ns, self.frames.map, child, on_ground(map_from_odom or estimate.pose))
 
     def diagnostics(self, stamp_ns: int, estimate: Estimate, more: Mapping[str, object] | None = None) -> Any:
-        """diagnostic_msgs/DiagnosticArray of one status, why it is so, and what is wrong. more: values to add."""
+        """diagnostic_msgs/DiagnosticArray of one status, why it is so, and what is wrong. more: values to add.
+
+        Among the values each problem's sentence stands by its code.
+        """
         known = ((name, getattr(estimate, name)) for name in _VALUES)
         values = {name: value for name, value in known if value is not None and value == value} | dict(more or {})
         values |= {name: f"{value:.4g}" for name, value in estimate.statistics.items()}
+        values |= {problem.code: problem.sentence for problem in estimate.problems}
         because = ": ".join(filter(None, (estimate.status.value, estimate.reason)))
         status = {
             "level": _LEVELS[estimate.status],
             "name": "touchline: localization",
-            "message": "; ".join((because, *estimate.problems)),
+            "message": "; ".join((because, *map(str, estimate.problems))),
             "values": [
                 {"key": key, "value": str(value)}
                 for key, value in values.items()

@@ -79,7 +79,7 @@ class RunView:
         self._show_truth(frame.stamp_ns, estimate)
         self._show_curves(frame, estimate)
         for problem in (*([frame.problem] if frame.problem and frame.image is None else ()), *estimate.problems):
-            self._stream.log(LOG, self._rerun.TextLog(problem, level="WARN"))
+            self._stream.log(LOG, self._rerun.TextLog(str(problem), level="WARN"))
 
     def _draw_field(self) -> None:
         """The field as it does not change; y goes up, as on every drawing of a field."""
