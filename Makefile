@@ -56,7 +56,7 @@ processes: $(VENV)/installed
 
 # Ten thousand mutated messages by every link.
 mutated: $(VENV)/installed
-	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_live_dds.py tests/test_pixel_features.py -k mutated
+	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_live_messages.py tests/test_pixel_features.py -k mutated
 
 # The same numbers on one core, on two and on a cluster.
 cluster: $(VENV)/installed
