@@ -8,7 +8,7 @@ WHEEL := .venv-wheel
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark pages clean zenoh
+.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated ros processes coverage fuzz mutants test-lowest package benchmark pages clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -29,23 +29,14 @@ loops: $(VENV)/installed
 tests: loops
 	$(PYTEST)
 
-# Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
-# it says how to install one, and fails.
-test-all: test docs tutorials browser cluster season mutated fastdds processes
+# Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer, the tuner and ROS; without
+# Chromium it says how to install one, and fails.
+test-all: test docs tutorials browser cluster season mutated ros processes
 
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
 
-# Every message between our DDS and the one that ROS 2 speaks by default; without its library it says how to install it.
-fastdds: $(VENV)/installed
-	$(BIN)/pytest tests/fastdds_peer.py
-
-# ROS 2 over Zenoh between our link and another client of it.
-zenoh: $(VENV)/installed
-	$(BIN)/pip install --quiet zenoh-ros2-sdk
-	$(BIN)/pytest tests/zenoh_peer.py
-
-# The ROS package's node and bridge under a real rclpy, which x86-64 and Python 3.11 have as wheels.
+# The ROS package's node, `live ros` and `play ros` under a real rclpy, which x86-64 and Python 3.11 have as wheels.
 ros: loops
 	$(BIN)/pip install --quiet --editable '.[ros-test]'
 	$(BIN)/pytest tests/ros_node.py

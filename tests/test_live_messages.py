@@ -16,9 +16,8 @@ from team_writing import TeamMessages
 
 from touchline.geometry import Pose3
 from touchline.live.heard import Described, Heard, Picture, Reading, Sight, Start
-from touchline.live.ros import RosReader
 from touchline.live.ros_link import UNUSABLE
-from touchline.live.ros_topics import FIXED_TOPICS
+from touchline.live.ros_reader import FIXED_TOPICS, RosReader
 from touchline.live.ros_writer import RosWriter
 from touchline.localizer import Localizer
 from touchline.sources import open_source

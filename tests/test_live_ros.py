@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,18 @@ import fake_rclpy
 import numpy as np
 import pytest
 from fake_rclpy import Durability, Node, Publisher, Reliability, Ros
-from foreign_bags import Types, compressed, foreign_messages
+from foreign_bags import EPOCH_NS, Types, compressed, foreign_messages
 from small_recordings import borrow
 from team_writing import BOOSTER_TYPES, TeamMessages
 
 from touchline.cli import live, main
 from touchline.field import open_field
 from touchline.geometry import Pose, Pose3
-from touchline.live import rclpy_link, ros_link
+from touchline.live import ros_link, ros_node
 from touchline.live.heard import Described, Heard, Picture, Published, Reading, Sight
 from touchline.live.loop import LiveLoop
-from touchline.live.rclpy_link import Rclpy
 from touchline.live.ros_link import RosLink, RosOptions, RosRobot
+from touchline.live.ros_node import RosNode
 from touchline.live.ros_writer import RosWriter
 from touchline.localizer import Localizer
 from touchline.sources import open_source
@@ -50,16 +51,16 @@ STRING, ODOMETRY = "std_msgs/msg/String", "nav_msgs/msg/Odometry"
 def ros(monkeypatch: pytest.MonkeyPatch) -> Ros:
     """And no long waits."""
     monkeypatch.setattr(ros_link, "SETTLE_S", 0.02)
-    monkeypatch.setattr(rclpy_link, "_LOOK_S", 0.01)
+    monkeypatch.setattr(ros_node, "_LOOK_S", 0.01)
     return fake_rclpy.install(monkeypatch)
 
 
 def opened(namespace: str = "", **options: Any) -> RosLink:
-    return RosLink(Rclpy(namespace), RosOptions(namespace=namespace, **options))
+    return RosLink(RosNode(namespace=namespace), RosOptions(**options))
 
 
 def robot_of(camera: Any = None) -> RosRobot:
-    return RosRobot(Rclpy(name="touchline_play"), camera)
+    return RosRobot(RosNode("touchline_play"), camera)
 
 
 def heard_by(link: RosLink, until: Callable[[list[Heard]], object]) -> list[Heard]:
@@ -121,7 +122,7 @@ def test_a_recording_played_by_one_node_is_heard_by_another_as_it_was_recorded(r
             Reading("compass", stamp, (1.5,)),
         ]
     sent.append(Picture(200_000_000, data, None, Pose3.from_roll_pitch_yaw(0.0, 0.3, 0.1, (0.1, 0.0, 1.0))))
-    heard_by(link, lambda heard: len(link.topics) == 6)
+    heard_by(link, lambda heard: {"image", "odometry", "imu", "compass", "tf"} <= set(link.topics))
     for event in sent:
         robot.send(event)
     heard = heard_by(link, has_sight)
@@ -287,13 +288,13 @@ def test_a_played_recording_tells_its_camera_and_how_it_leans(ros: Ros, small_da
     link.close()
 
 
-def humanoid(ros: Ros, folder: Path, camera_info: bool = True) -> Callable[[], None]:
-    """A node that offers CameraInfo, TF and images, but no odometry topic; what publishes all of it."""
+@contextmanager
+def humanoid(ros: Ros, folder: Path, camera_info: bool = True) -> Iterator[None]:
+    """A node that offers CameraInfo, TF and images, but no odometry topic; it publishes once they are read."""
     node, types, publishers = ros.create_node("humanoid"), Types(), dict[str, Publisher]()
-    messages: list[tuple[Publisher, bytes]] = []
-    for time_ns, topic, kind, message in foreign_messages(
-        open_source(folder), types, compressed("jpeg", ".jpg"), "/head/image"
-    ):
+    messages: list[tuple[int, Publisher, bytes]] = []
+    image = compressed("jpeg", ".jpg")
+    for time_ns, topic, kind, message in foreign_messages(open_source(folder), types, image, "/head/image"):
         if topic == "/robot/odom":
             place, turn = message.pose.pose.position, message.pose.pose.orientation
             pose = Pose3.from_roll_pitch_yaw(0.0, 0.0, 2.0 * np.arctan2(turn.z, turn.w), (place.x, place.y, 0.0))
@@ -302,25 +303,33 @@ def humanoid(ros: Ros, folder: Path, camera_info: bool = True) -> Callable[[], N
         if topic not in publishers:
             publishers[topic] = node.offer(topic, kind, latched=topic == "/tf_static")
         if camera_info or topic != "/front/camera_info":
-            messages.append((publishers[topic], bytes(types.store.serialize_cdr(message, kind))))
+            messages.append((time_ns, publishers[topic], bytes(types.store.serialize_cdr(message, kind))))
 
     def publish() -> None:
-        for publisher, data in messages:
+        ends_s = time.monotonic() + 10.0
+        while not all(each.get_subscription_count() for each in publishers.values()) and time.monotonic() < ends_s:
+            time.sleep(0.01)
+        before_ns = EPOCH_NS
+        for time_ns, publisher, data in messages:
+            time.sleep(max(1e-9 * (time_ns - before_ns), 0.0))
+            before_ns = time_ns
             publisher.publish(data)
 
-    return publish
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    thread.join()
 
 
 def test_a_humanoid_needs_no_camera_yaml(ros: Ros, small_data: Path, tmp_path: Path) -> None:
     """Its CameraInfo and TF are the camera and the odometry."""
-    publish = humanoid(ros, borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=10))
+    folder = borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=10)
     link, localizer = opened(), Localizer("hsl-s-9x6")
     localizer.reset(own_half=True)
-    heard_by(link, lambda heard: {"image", "camera_info", "imu", "tf"} <= set(link.topics))
-    publish()
     loop = LiveLoop(link, localizer)
     ends_s = time.monotonic() + 400.0  # loops may have to be compiled
-    loop.run(lambda: loop.counts["published"] == 10 or time.monotonic() > ends_s)
+    with humanoid(ros, folder):
+        loop.run(lambda: loop.counts["published"] == 10 or time.monotonic() > ends_s)
     assert loop.counts["tracking"] >= 6, loop.counts
     assert link.refused == {}
     link.close()
@@ -330,19 +339,8 @@ def test_without_camera_info_it_is_said_once_and_the_command_fails(
     ros: Ros, small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=3)
-    publish = humanoid(ros, folder, camera_info=False)
-
-    def later() -> None:
-        ends_s = time.monotonic() + 10.0
-        while not any(each.name == "touchline" and len(each.subscriptions) >= 4 for each in ros.nodes):
-            time.sleep(0.01)
-            assert time.monotonic() < ends_s
-        publish()
-
-    thread = threading.Thread(target=later)
-    thread.start()
-    assert main(["live", "--rclpy", "--field", "hsl-s-9x6", "--own-half", "--seconds", "2"]) == 1
-    thread.join()
+    with humanoid(ros, folder, camera_info=False):
+        assert main(["live", "ros", "--field", "hsl-s-9x6", "--own-half", "--seconds", "3"]) == 1
     said = capsys.readouterr()
     assert "tracking 0" in said.out
     problem = "image: no camera model was given, nor came as CameraInfo and transforms"
@@ -367,34 +365,54 @@ def test_without_tf2_msgs_the_pose_goes_out_and_it_is_said_once(ros: Ros, monkey
 # --- the commands -----------------------------------------------------------------------------------------------------
 
 
-def test_where_rclpy_is_not_what_to_do_is_told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("command", [["live", "ros", "--field", "msl-18x12"], ["play", "ros", str(EXAMPLE)]])
+@pytest.mark.parametrize(("missing", "words"), [("rclpy", "setup.bash"), ("rosbags", "touchline[bags]")])
+def test_where_a_library_is_missing_what_to_do_is_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: list[str], missing: str, words: str
 ) -> None:
-    monkeypatch.setattr(rclpy_link, "find_spec", lambda name: None)
-    assert main(["live", "--field", "msl-18x12", "--rclpy", "--seconds", "0"]) == 2
-    assert "setup.bash" in capsys.readouterr().err
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == missing else "there")
+    assert main(command) == 2
+    assert words in "".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(["--dds"], "--dds --rclpy"), (["--namespace", "robot 1"], "letters, digits"), (["--udp", "5000"], "--udp")],
+    [
+        (["--namespace", "robot 1"], "letters, digits"),
+        (["--listen", "5000"], "--listen: is an option of udp"),
+        (["--topic", "colour=/odom"], "--topic colour: is not known"),
+        (["--topic", "odometry"], "expected ROLE=/NAME"),
+    ],
 )
 def test_options_that_do_not_go_with_it_are_told(
     ros: Ros, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
-    assert main(["live", "--field", "msl-18x12", "--rclpy", "--seconds", "0", *arguments]) == 2
-    assert words in capsys.readouterr().err
+    assert main(["live", "ros", "--field", "msl-18x12", "--seconds", "0", *arguments]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_command_runs_as_a_node(ros: Ros, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["live", "--field", "msl-18x12", "--rclpy", "--namespace", "robot1/", "--seconds", "0.1"]) == 0
-    assert "0 of 0 images looked at" in capsys.readouterr().out
+    assert main(["live", "ros", "--field", "msl-18x12", "--namespace", "robot1/", "--seconds", "0.1"]) == 0
+    said = capsys.readouterr()
+    assert "publishes /robot1/touchline/pose" in said.err
+    assert "0 of 0 images looked at" in said.out
     assert ros.nodes == []
+
+
+def test_play_publishes_a_recording(ros: Ros, capsys: pytest.CaptureFixture[str]) -> None:
+    other = ros.create_node("other")
+    other.listen("/odom", ODOMETRY)
+    other.listen("/image/compressed", "sensor_msgs/msg/CompressedImage")
+    assert main(["play", "ros", str(EXAMPLE), "--speed", "100"]) == 0
+    other.spin()
+    assert [topic for topic, _ in other.received].count("/image/compressed") == 60
+    assert "60 images sent" in capsys.readouterr().out
 
 
 def test_a_link_that_hears_nothing_says_where_it_listens_and_fails(
     ros: Ros, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live, "_SILENT_S", 0.2)
-    assert main(["live", "--rclpy", "--field", "msl-18x12", "--seconds", "1"]) == 1
-    assert "no topic was found" in capsys.readouterr().err
+    monkeypatch.setenv("ROS_DOMAIN_ID", "95")
+    assert main(["live", "ros", "--field", "msl-18x12", "--seconds", "1"]) == 1
+    assert "no topic was found; ROS_DOMAIN_ID is 95" in capsys.readouterr().err
