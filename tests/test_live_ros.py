@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import threading
 import time
@@ -368,9 +369,15 @@ def test_without_tf2_msgs_the_pose_goes_out_and_it_is_said_once(ros: Ros, monkey
 @pytest.mark.parametrize("command", [["live", "ros", "--field", "msl-18x12"], ["play", "ros", str(EXAMPLE)]])
 @pytest.mark.parametrize(("missing", "words"), [("rclpy", "setup.bash"), ("rosbags", "touchline[bags]")])
 def test_where_a_library_is_missing_what_to_do_is_told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: list[str], missing: str, words: str
+    ros: Ros,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: list[str],
+    missing: str,
+    words: str,
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == missing else "there")
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == missing else find(name, *more))
     assert main(command) == 2
     assert words in "".join(capsys.readouterr().err.split())
 

@@ -100,9 +100,9 @@ def jpeg_header(data: bytes) -> JpegHeader:
             at += 1 if marker == _JPEG_MARKER else 2  # what precedes a marker may be repeated
             continue
         if marker in _JPEG_FRAMES and at + 9 <= len(data):
-            height, width = int.from_bytes(data[at + 5 : at + 7]), int.from_bytes(data[at + 7 : at + 9])
+            height, width = (int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7))
             size = ImageSize(width, height)
-        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
         if marker == _JPEG_SCAN:
             return JpegHeader(size, at)
     return JpegHeader(size, None)
