@@ -47,7 +47,7 @@ contracts: $(VENV)/installed
 browser: $(VENV)/installed
 	$(BIN)/pytest tests/browser_pages.py
 
-# The ROS package's node under a real rclpy, which x86-64 and Python 3.11 have as wheels.
+# The ROS package's node, `live ros` and `play ros` under a real rclpy, which x86-64 and Python 3.11 have as wheels.
 ros: loops
 	$(INSTALL) --editable '.[ros-test]'
 	$(BIN)/pytest tests/ros_node.py
@@ -58,7 +58,8 @@ processes: $(VENV)/installed
 
 # Ten thousand mutated messages by every way in.
 mutated: $(VENV)/installed
-	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_pixel_features.py -k mutated
+	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_live_messages.py tests/test_pixel_features.py \
+	  -k mutated
 
 # The same numbers on one core, on two and on a cluster.
 cluster: $(VENV)/installed

@@ -224,15 +224,22 @@ def test_parameters_are_described_and_a_lifecycle_manager_leads_the_node(robot: 
             assert robot.state() == label
 
 
-@pytest.mark.parametrize("link", ["--rclpy", "--bridge"])
-def test_the_command_localises_by_rclpy_and_by_the_bridge(robot: Robot, tmp_path: Path, link: str) -> None:
-    live = [sys.executable, "-m", "touchline", "live", "--field", "msl-18x12", "--camera", str(EXAMPLE / "camera.yaml")]
-    chosen = [link, "28499"] if link == "--bridge" else [link]
-    bridge = [sys.executable, str(PACKAGE / "touchline_ros" / "bridge.py"), "--to", "127.0.0.1:28499"]
-    with running(*live, *chosen, log=tmp_path / "live"), running(*bridge, log=tmp_path / "bridge"):
+LIVE = [sys.executable, "-m", "touchline", "live", "ros", "--field", "msl-18x12"]
+CAMERA = ["--camera", str(EXAMPLE / "camera.yaml")]
+
+
+def test_the_command_localises(robot: Robot, tmp_path: Path) -> None:
+    with running(*LIVE, *CAMERA, log=tmp_path / "live"):
         robot.listen(DiagnosticArray, "/diagnostics")
         assert robot.spin_until(lambda: robot.images.get_subscription_count() > 0, 60)
         robot.play(0.5)
         assert robot.spin_until(robot.tracked, 30), (tmp_path / "live").read_text()
         robot.listen(PoseWithCovarianceStamped, "/touchline/pose", LATCHED)
         assert robot.spin_until(lambda: len(robot.received["/touchline/pose"]) > 0, 20)
+
+
+def test_the_command_localises_what_another_plays(robot: Robot, tmp_path: Path) -> None:
+    play = [sys.executable, "-m", "touchline", "play", "ros", str(EXAMPLE), "--speed", "0.5", "--loop"]
+    with running(*LIVE, *CAMERA, log=tmp_path / "live"), running(*play, log=tmp_path / "play"):
+        robot.listen(DiagnosticArray, "/diagnostics")
+        assert robot.spin_until(robot.tracked, 90), (tmp_path / "live").read_text()

@@ -14,8 +14,7 @@ from small_recordings import borrow
 
 from touchline.geometry import Pose3
 from touchline.live.heard import Sight
-from touchline.live.ros import RosReader
-from touchline.live.ros_topics import TRANSFORMS
+from touchline.live.ros_reader import TRANSFORMS, RosReader
 from touchline.sources import BagOptions, Recording, open_source
 from touchline.sources.bags import roles
 

@@ -202,20 +202,20 @@ def test_a_running_robot_is_calibrated_too(small_data: Path, tmp_path: Path, mon
     monkeypatch.setattr(calibrate_self, "open_link", lambda choice, localizer: link)
     monkeypatch.setattr(calibrate_self, "time", SimpleNamespace(monotonic=lambda: link.now_s))
     x, y, heading = source.truth.nearest(int(source.image_stamps[0]))
-    command = ["calibrate", "self", "--dds", "--field", str(folder / "field.yaml"), "--seconds", "20"]
+    command = ["calibrate", "self", "ros", "--field", str(folder / "field.yaml"), "--seconds", "20"]
     command += ["--camera", str(folder / "camera.yaml"), f"--start={x},{y},{heading}", "-o", str(target)]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     assert isinstance(open_camera(target), PinholeCamera)
-    both = CliRunner().invoke(app, ["calibrate", "self", str(folder), "--dds", "-o", str(tmp_path / "other.yaml")])
-    assert "takes a RECORDING, or a running robot" in str(both.exception)
+    both = ["calibrate", "self", str(folder), "--listen", "5000", "-o", str(tmp_path / "other.yaml")]
+    assert "--listen: is an option of udp" in str(CliRunner().invoke(app, both).exception)
 
 
 def test_a_robot_of_which_nothing_comes_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     silent = SimpleNamespace(hear=lambda timeout_s: [], around=lambda: "no topics", close=lambda: None)
     monkeypatch.setattr(calibrate_self, "open_link", lambda choice, localizer: silent)
     monkeypatch.setattr(calibrate_self, "time", SimpleNamespace(monotonic=count(0.0, 15.0).__next__))
-    command = ["calibrate", "self", "--dds", "--field", "indoor-9x6", "-o", str(tmp_path / "camera.yaml")]
+    command = ["calibrate", "self", "ros", "--field", "indoor-9x6", "-o", str(tmp_path / "camera.yaml")]
     result = CliRunner().invoke(app, command)
     assert "nothing came that could be looked at: no topics" in str(result.exception)
 

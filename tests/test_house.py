@@ -447,7 +447,6 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
     assert found == {
         "view/marking/server.py": ["http.server"],
         "evaluation/outside_program.py": ["subprocess"],
-        "live/bridge.py": ["socket"],
         "live/udp.py": ["socket"],
         "view/viewer/page_server.py": ["http.client", "http.server"],
         "view/viewer/screen.py": ["socket", "subprocess"],

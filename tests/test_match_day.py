@@ -101,7 +101,7 @@ def test_broadcasts_are_heard_and_not_answered() -> None:
 
 @pytest.mark.parametrize("wrong", [["--team", "3"], ["--game-controller", "--team", "3"], ["--team=1", "--player=2"]])
 def test_team_and_player_belong_together(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["live", "--field", "msl-18x12", "--seconds", "0", *wrong]) == 2
+    assert main(["live", "udp", "--field", "msl-18x12", "--seconds", "0", *wrong]) == 2
     assert "belong together" in capsys.readouterr().err
 
 
@@ -386,7 +386,7 @@ def test_a_state_that_is_none_is_refused(tmp_path: Path) -> None:
             resume(path, Localizer("msl-18x12"))
     with pytest.raises(InputError, match="cannot be written"):
         resume(tmp_path / "nowhere" / "robot.json", Localizer("msl-18x12"))
-    assert main(["live", "--field", "msl-18x12", "--seconds", "0", "--state", str(path)]) == 2
+    assert main(["live", "udp", "--field", "msl-18x12", "--seconds", "0", "--state", str(path)]) == 2
 
 
 def made_up(names: int, k: int, place: Pose) -> tuple[Evidence, ...]:

@@ -18,9 +18,8 @@ from touchline.camera import PinholeCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.live.heard import Sight
-from touchline.live.ros import RosReader
 from touchline.live.ros_link import UNUSABLE
-from touchline.live.ros_topics import TRANSFORMS
+from touchline.live.ros_reader import TRANSFORMS, RosReader
 from touchline.sources import open_source
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_track import CameraTrack

@@ -301,7 +301,7 @@ def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
     """The thumbnail in the header ends like an image, and a camera may write what it likes behind the image."""
     data = (folder / IMAGE).read_bytes()
     header = b"Exif\0\0" + data
-    segment = b"\xff\xe1" + (len(header) + 2).to_bytes(2) + header
+    segment = b"\xff\xe1" + (len(header) + 2).to_bytes(2, "big") + header
     (folder / IMAGE).write_bytes(data[:2] + segment + data[2:] + b"\xff\x01trailer")
     assert all(frame.image is not None for frame in open_source(folder))
     cut(IMAGE, 0.8)(folder)

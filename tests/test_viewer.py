@@ -147,7 +147,18 @@ def test_a_robot_that_runs_is_looked_at(tmp_path: Path, capsys: pytest.CaptureFi
     sender = threading.Thread(target=send)
     sender.start()
     try:
-        live = ["live", "--field", source.field.name, "--camera", str(camera), "--udp", str(port), "--seconds", "0.7"]
+        live = [
+            "live",
+            "udp",
+            "--field",
+            source.field.name,
+            "--camera",
+            str(camera),
+            "--listen",
+            str(port),
+            "--seconds",
+            "0.7",
+        ]
         status = main([*live, "--rrd", str(file)])
     finally:
         done.set()

@@ -95,9 +95,9 @@ class Live:
 
     def __init__(self, system: str, port: int, answers: int, more: Sequence[str] = ()) -> None:
         arguments = ["--field", "msl-18x12", "--camera", str(EXAMPLE / "camera.yaml"), "--system", system, *more]
-        ends = ["--udp", str(port), "--to", str(answers)]
+        ends = ["--listen", str(port), "--to", str(answers)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "touchline", "live", *arguments, *ends], stdout=subprocess.DEVNULL
+            [sys.executable, "-m", "touchline", "live", "udp", *arguments, *ends], stdout=subprocess.DEVNULL
         )
 
     def kill(self) -> None:

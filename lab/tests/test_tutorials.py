@@ -86,10 +86,10 @@ def test_the_commands_of_a_match_day_for_the_robot_run(
     shutil.copy(DOCS.parent / "tests" / "data" / "humanoid_hsl_pan" / "camera.yaml", "camera.yaml")
     port, answers = free_ports()
     robot = subprocess.Popen(
-        [sys.executable, "-m", "touchline", *play.split(), "--udp", port], stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "touchline", *play.split(), "--to", port], stderr=subprocess.DEVNULL
     )
     try:
-        assert main([*live.split(), "--seconds", "10", "--udp", port, "--to", answers]) == 0
+        assert main([*live.split(), "--seconds", "10", "--listen", port, "--to", answers]) == 0
     finally:
         robot.kill()
         robot.wait()

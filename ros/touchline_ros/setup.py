@@ -14,12 +14,7 @@ setup(
     install_requires=["setuptools"],
     zip_safe=True,
     maintainer="The Touchline developers",
-    description="Touchline as a node of ROS 2, and a bridge to it",
+    description="Touchline as a node of ROS 2",
     license="Apache-2.0",
-    entry_points={
-        "console_scripts": [
-            f"localization = {NAME}.node:main",
-            f"bridge = {NAME}.bridge:main",
-        ]
-    },
+    entry_points={"console_scripts": [f"localization = {NAME}.node:main"]},
 )

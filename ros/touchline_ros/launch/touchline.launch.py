@@ -1,8 +1,7 @@
-"""ros2 launch touchline_ros touchline.launch.py field:=hsl-s-9x6 [bridge:=true] [pose:=/amcl_pose]"""
+"""ros2 launch touchline_ros touchline.launch.py field:=hsl-s-9x6 [pose:=/amcl_pose]"""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -13,8 +12,6 @@ ARGUMENTS = {
     "autostart": ("true", "false: nav2's lifecycle manager starts the node"),
     "namespace": ("", "Of this robot"),
     "pose": ("/touchline/pose", "Where the pose goes; nav2 listens to /amcl_pose"),
-    "bridge": ("false", "true: only the bridge; `touchline live --bridge 28402` runs in an environment of its own"),
-    "bridge_to": ("127.0.0.1:28402", "Where that waits"),
 }
 
 
@@ -28,18 +25,9 @@ def generate_launch_description():
         output="screen",
         parameters=[{name: given[name] for name in ("field", "camera", "own_half", "autostart")}],
         remappings=[("/touchline/pose", given["pose"])],
-        condition=UnlessCondition(given["bridge"]),
-    )
-    bridge = Node(
-        package="touchline_ros",
-        executable="bridge",
-        output="screen",
-        arguments=["--to", given["bridge_to"]],
-        remappings=[("/touchline/pose", given["pose"])],
-        condition=IfCondition(given["bridge"]),
     )
     described = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*described, node, bridge])
+    return LaunchDescription([*described, node])

@@ -1,1 +1,1 @@
-"""Touchline as a node of ROS 2, and a bridge to it."""
+"""Touchline as a node of ROS 2."""

@@ -1,6 +1,6 @@
 """Touchline as a lifecycle node of ROS 2.
 
-The topics are those of `touchline live --rclpy`. Parameters, services and states are on the page docs/how-to-ros.md.
+The topics are those of `touchline live ros`. Parameters, services and states are on the page docs/how-to-ros.md.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from std_srvs.srv import Empty, SetBool, Trigger
 from touchline.config import load_settings
 from touchline.errors import TouchlineError
 from touchline.live.loop import LiveLoop
-from touchline.live.rclpy_link import Rclpy
 from touchline.live.ros_link import RosLink, RosOptions
+from touchline.live.ros_node import RosNode
 from touchline.localizer import Localizer
 from touchline.sources.bags.standard import Frames
 from touchline.systems import system_info
@@ -56,7 +56,7 @@ class TouchlineNode(LifecycleNode):
         """Open field, camera and system, and announce the topics."""
         try:
             self._localizer = self._new_localizer()
-            self._link = RosLink(Rclpy(node=self), self._options())
+            self._link = RosLink(RosNode(node=self), self._options())
         except (TouchlineError, OSError) as error:
             self.get_logger().error(str(error))
             self._localizer = None
@@ -105,11 +105,10 @@ class TouchlineNode(LifecycleNode):
         wrong = next((f"{role}{equals}{name}" for role, equals, name in pairs if not equals or not name), None)
         if wrong is not None:
             raise TouchlineError(f"parameter topics: {wrong}: expected ROLE=/NAME")
-        base, namespace = self._value("base_frame"), self.get_namespace()
+        base = self._value("base_frame")
         return RosOptions(
             {role: name for role, _, name in pairs},
             base or None,
-            "" if namespace == "/" else namespace,
             self._localizer.field,
             self._localizer.camera,
             self._value("late_ms"),

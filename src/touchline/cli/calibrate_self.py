@@ -14,23 +14,9 @@ import typer
 
 from touchline.cli.console import announce_compiling, errors_console
 from touchline.cli.interrupts import interruptible
-from touchline.cli.live import (
-    PORT,
-    Address,
-    BeyondMachine,
-    ByBridge,
-    ByDds,
-    ByRclpy,
-    ByZenoh,
-    LinkChoice,
-    Namespace,
-    Topics,
-    as_namespace,
-    open_link,
-    refuse_of_other_link,
-)
+from touchline.cli.live import LinkChoice, LinkName, Listen, Namespace, RosBase, RosTopics, open_link
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
-from touchline.cli.options import BagBase, FollowLinks, StartPose, bag_options
+from touchline.cli.options import FollowLinks, StartPose
 from touchline.errors import InputError, NoFitError
 
 if TYPE_CHECKING:
@@ -65,56 +51,49 @@ class _Seen(NamedTuple):
 
 def calibrate_self(
     output: NewFile,
-    recording: Annotated[
-        Path | None,
-        typer.Argument(metavar="[RECORDING]", help="A robot that moves about on the field; none: one that runs."),
-    ] = None,
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="RECORDING|udp|ros",
+            help="A robot that moves about on the field: its recording, or its link.",
+        ),
+    ],
     picture: NewPicture = None,
     follow_links: FollowLinks = False,
     field: Annotated[str | None, typer.Option(metavar="NAME|FILE", help="Of a running robot: the field.")] = None,
     camera: Annotated[Path | None, typer.Option(help="Of a running robot: its camera.yaml.")] = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="Of a running robot: for so long.")] = 20.0,
     start: StartPose = None,
-    dds: ByDds = False,
-    zenoh: ByZenoh = False,
-    rclpy: ByRclpy = False,
-    bridge: ByBridge = None,
-    topics: Topics = None,
-    base: BagBase = None,
+    listen: Listen = None,
+    topics: RosTopics = None,
+    base: RosBase = None,
     namespace: Namespace = "",
-    network: BeyondMachine = False,
-    udp: Address = None,
 ) -> None:
     """Write a camera.yaml corrected by the lines that a robot sees in play: a mirror's lean, centre and ranges, or a
     perspective camera's roll, pitch, height and focal length.
     """
-    ros = {"--dds": dds, "--zenoh": zenoh, "--rclpy": rclpy, "--bridge": bridge is not None}
-    refuse_of_other_link(ros, {"--udp": udp}, {"--topic": topics, "--base": base, "--namespace": namespace}, network)
-    runs = any(ros.values()) or udp is not None
-    if runs == (recording is not None):
-        raise InputError("calibrate self takes a RECORDING, or a running robot by --dds, --zenoh, --bridge or --udp")
+    link = next((name for name in LinkName if name.value == robot), None)
+    choice = LinkChoice(link, listen, None, topics or (), base, 0.0, namespace)
+    choice.require_own_options()
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from touchline.camera import PerspectiveCamera
 
-    if recording is not None:
+    if link is None:
         from touchline.sources import open_source
 
-        source = open_source(recording, follow_links)
+        source = open_source(Path(robot), follow_links)
         seen = _of_recording(source)
     else:
         if field is None:
             raise InputError("--field: is needed of a running robot")
         from touchline.localizer import Localizer
 
-        named = bag_options(topics, None, None, None).topics
-        namespace = as_namespace(namespace)
-        here = LinkChoice(ros, named, base, 0.0, namespace, network, bridge, udp or str(PORT), str(PORT + 1))
         localizer = Localizer(field, camera)
         _begin(localizer, start)
-        seen = _of_robot(localizer, here, seconds)
+        seen = _of_robot(localizer, choice, seconds)
     try:
         if isinstance(seen.camera, PerspectiveCamera):
-            text, words, drawn = _perspective(seen, None if recording is None else partial(_of_recording, source))
+            text, words, drawn = _perspective(seen, None if link is not None else partial(_of_recording, source))
         else:
             text, words, drawn = _mirror(seen)
     except NoFitError as error:

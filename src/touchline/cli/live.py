@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -14,8 +15,6 @@ import typer
 from touchline.cli.console import announce_compiling, errors_console, say
 from touchline.cli.interrupts import interruptible
 from touchline.cli.options import (
-    BagBase,
-    BagLate,
     ConfigFile,
     FollowLinks,
     Overrides,
@@ -30,33 +29,60 @@ from touchline.errors import InputError, TouchlineError
 from touchline.messages import counted, without_numbers
 
 if TYPE_CHECKING:
-    from touchline.live.heard import Link, Published, Robot
+    from touchline.live.heard import Link, Published
     from touchline.live.loop import LiveLoop
-    from touchline.live.ros_link import Transport
+    from touchline.live.ros_link import RosRobot
+    from touchline.live.ros_node import RosNode
+    from touchline.live.udp import UdpRobot
     from touchline.localizer import Localizer
+    from touchline.sources import Recording
     from touchline.types import Estimate, Problem, System
     from touchline.view.viewer import LatestShown, Screen
 
 PORT = 28400
-Address = Annotated[
+
+
+class LinkName(str, Enum):
+    """What carries messages to a robot and back."""
+
+    UDP = "udp"
+    ROS = "ros"
+
+
+_OF_UDP, _OF_ROS = "Options of udp", "Options of ros"
+LinkArgument = Annotated[
+    LinkName, typer.Argument(metavar="LINK", help="Datagrams, or the topics of ROS 2 (as a node by rclpy).")
+]
+Listen = Annotated[
     str | None,
     typer.Option(
-        "--udp", metavar="[HOST:]PORT", help=f"Where Touchline hears the robot (default: {PORT} of loopback)."
+        "--listen",
+        metavar="[HOST:]PORT",
+        help=f"Where the robot's messages come (default: {PORT} of loopback).",
+        rich_help_panel=_OF_UDP,
     ),
 ]
-ByDds = Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")]
-ByZenoh = Annotated[bool, typer.Option("--zenoh", help="By ROS 2's topics over Zenoh, without ROS (extra zenoh).")]
-ByRclpy = Annotated[
-    bool, typer.Option("--rclpy", help="By ROS 2's topics as a node of ROS, in an environment that has it.")
-]
-ByBridge = Annotated[
-    str | None, typer.Option(metavar="[HOST:]PORT", help="By ROS 2's topics that touchline_ros's bridge brings.")
-]
-Namespace = Annotated[str, typer.Option(metavar="/NAME", help="Of this robot in ROS: its topics come first.")]
-BeyondMachine = Annotated[bool, typer.Option("--network", help="Of --dds, --zenoh: beyond this machine.")]
-Topics = Annotated[
+RosTopics = Annotated[
     list[str] | None,
-    typer.Option("--topic", metavar="ROLE=/NAME", help="Of ROS: image, odometry, detections, …; repeatable."),
+    typer.Option(
+        "--topic",
+        metavar="ROLE=/NAME",
+        help="A topic that its type doesn't give: image, odometry, compass, …; repeatable.",
+        rich_help_panel=_OF_ROS,
+    ),
+]
+RosBase = Annotated[
+    str | None,
+    typer.Option(
+        "--base",
+        metavar="FRAME",
+        help="The robot's frame on the ground (default: by its usual names).",
+        rich_help_panel=_OF_ROS,
+    ),
+]
+Namespace = Annotated[
+    str,
+    typer.Option(metavar="/NAME", help="This robot's namespace: its topics come first.", rich_help_panel=_OF_ROS),
 ]
 _SILENT_S = 3.0  # without an image until it is reported what was received, and what is there
 _EVERY_S = 1.0  # so often a line on the terminal
@@ -64,23 +90,33 @@ _REPEAT_S = 5.0  # after which a problem that is shown is shown again
 
 
 def live(
+    link: LinkArgument,
     field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
     camera: Annotated[Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.")] = None,
     system: SystemName = None,
-    dds: ByDds = False,
-    zenoh: ByZenoh = False,
-    rclpy: ByRclpy = False,
-    bridge: ByBridge = None,
-    topics: Topics = None,
-    base: BagBase = None,
-    late: BagLate = 0.0,
-    namespace: Namespace = "",
-    network: BeyondMachine = False,
-    udp: Address = None,
+    listen: Listen = None,
     to: Annotated[
         str | None,
-        typer.Option("--to", metavar="[HOST:]PORT", help=f"Where the poses go (default: {PORT + 1} of loopback)."),
+        typer.Option(
+            "--to",
+            metavar="[HOST:]PORT",
+            help=f"Where the poses go (default: {PORT + 1} of loopback).",
+            rich_help_panel=_OF_UDP,
+        ),
     ] = None,
+    topics: RosTopics = None,
+    base: RosBase = None,
+    late: Annotated[
+        float,
+        typer.Option(
+            metavar="MS",
+            min=-1000.0,
+            max=1000.0,
+            help="Delay of messages without a stamp; touchline check of a bag measures it.",
+            rich_help_panel=_OF_ROS,
+        ),
+    ] = 0.0,
+    namespace: Namespace = "",
     device: Annotated[
         str | None, typer.Option(metavar="/dev/videoN", help="Images of this camera, sensors by the link.")
     ] = None,
@@ -111,7 +147,7 @@ def live(
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
-    """Localise a running robot: images and sensors in by ROS 2's topics or UDP, poses out. Ctrl-C ends it."""
+    """Localise a running robot: images and sensors come, poses go, by UDP or ROS 2. Ctrl-C ends it."""
     from touchline.api import checked_prior
     from touchline.cli.run import parse_pose
     from touchline.config import load_settings
@@ -120,15 +156,12 @@ def live(
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
     from touchline.types import Prior
 
-    ros = {"--dds": dds, "--zenoh": zenoh, "--rclpy": rclpy, "--bridge": bridge is not None}
-    of_ros = {"--topic": topics, "--base": base, "--late": late, "--namespace": namespace}
-    refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros, network)
+    choice = LinkChoice(link, listen, to, topics or (), base, late, namespace)
+    choice.require_own_options()
     if mates and not team_evidence:
         raise InputError("--mate: counts only with --team-evidence")
     if (team is None) != (player is None) or (team is not None and not game_controller):
         raise InputError("--team and --player belong together, and to --game-controller")
-    namespace, named = as_namespace(namespace), bag_options(topics, None, None, None).topics
-    udp, to = udp or str(PORT), to or str(PORT + 1)
     if camera is not None and str(camera).startswith("/dev/"):
         raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
     name = system or DEFAULT_SYSTEM
@@ -142,60 +175,91 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
-    link = open_link(LinkChoice(ros, named, base, late, namespace, network, bridge, udp, to), localizer)
+    opened = open_link(choice, localizer)
     if device is not None:
-        link = _with_camera(link, device)
+        opened = _with_camera(opened, device)
     if game_controller:
         from touchline.live.game_controller import GameController, WithGameController
 
-        link = WithGameController(link, GameController(team, player))
+        opened = WithGameController(opened, GameController(team, player))
     console = errors_console()
-    topics_of_ros = f"reads topics of ROS 2, publishes {namespace}/touchline/pose"
-    where = topics_of_ros if any(ros.values()) else f"hears udp {udp}, tells udp {to}"
-    console.print(f"{name}: {where}; Ctrl-C ends it")
+    console.print(f"{name}: {choice}; Ctrl-C ends it")
     ends_s = None if seconds is None else time.monotonic() + seconds
     with (
-        closing(link),
+        closing(opened),
         shown_in(view, rrd, stays=False) as screen,
         closing(_Shown(localizer, screen, name)) as shown,
         announce_compiling(console.print),
         interruptible() as stop,
     ):
         on_published = shown.take if state is None else _kept_in(state, localizer, shown.take)
-        loop = LiveLoop(link, localizer, on_published, team_evidence, mates or ())
-        silence = _Silence(loop, link, console.print)
+        loop = LiveLoop(opened, localizer, on_published, team_evidence, mates or ())
+        silence = _Silence(loop, opened, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
-        refused, around = link.refused, silence.received()
+        refused, around = opened.refused, silence.received()
     _tell_end(loop, localizer.problems, refused, around if silence.reported else None)
 
 
 class LinkChoice(NamedTuple):
-    """What carries the messages: ros, by option; of ROS topics, base, late (ms), namespace, network, and the bridge's
-    address; else UDP, from and to.
-    """
+    """A link and its options. link: None where a recording takes its place."""
 
-    ros: Mapping[str, bool]
-    topics: Mapping[str, str]
+    link: LinkName | None
+    listen: str | None
+    to: str | None
+    topics: Sequence[str]
     base: str | None
-    late: float
+    late_ms: float
     namespace: str
-    network: bool
-    bridge: str | None
-    udp: str
-    to: str
+
+    def require_own_options(self) -> None:
+        """Raises InputError for an option of another link, which would be ignored."""
+        options: dict[LinkName, dict[str, object]] = {
+            LinkName.UDP: {"--listen": self.listen, "--to": self.to},
+            LinkName.ROS: {
+                "--topic": self.topics,
+                "--base": self.base,
+                "--late": self.late_ms,
+                "--namespace": self.namespace,
+            },
+        }
+        for link, values in options.items():
+            wrong = next((option for option, value in values.items() if value), None)
+            if wrong is not None and link is not self.link:
+                raise InputError(f"{wrong}: is an option of {link.value}")
+
+    def __str__(self) -> str:
+        if self.link is LinkName.ROS:
+            return f"reads topics of ROS 2, publishes {_as_namespace(self.namespace)}/touchline/pose"
+        return f"listens on UDP {self.listen or PORT}, sends poses to UDP {self.to or PORT + 1}"
 
 
-def open_link(of: LinkChoice, localizer: Localizer) -> Link:
+def open_link(choice: LinkChoice, localizer: Localizer) -> Link:
     """The link to a running robot. Raises InputError where there is none."""
-    if any(of.ros.values()):
+    if choice.link is LinkName.ROS:
+        named, namespace = bag_options([*choice.topics], None, None, None).topics, _as_namespace(choice.namespace)
+        node = _ros_node("touchline", namespace)
         from touchline.live.ros_link import RosLink, RosOptions
 
-        options = RosOptions(of.topics, of.base, of.namespace, localizer.field, localizer.camera, of.late)
-        here = None if of.bridge is None else address(of.bridge, "--bridge")
-        return RosLink(_transport(of.ros, of.namespace, of.network, here), options)
+        return RosLink(node, RosOptions(named, choice.base, localizer.field, localizer.camera, choice.late_ms))
     from touchline.live.udp import UdpLink
 
-    return UdpLink(address(of.udp, "--udp"), address(of.to, "--to"))
+    return UdpLink(address(choice.listen or str(PORT), "--listen"), address(choice.to or str(PORT + 1), "--to"))
+
+
+def _ros_node(name: str, namespace: str = "") -> RosNode:
+    """Raises InputError where a library is missing."""
+    from importlib.util import find_spec
+
+    if find_spec("rclpy") is None:
+        raise InputError(
+            "ros: rclpy cannot be imported: source ROS's setup.bash, in an environment of ROS's own Python; "
+            "udp needs no ROS"
+        )
+    if find_spec("rosbags") is None:
+        raise InputError("ros: rosbags is not installed: pip install 'touchline[bags]'")
+    from touchline.live.ros_node import RosNode
+
+    return RosNode(name, namespace)
 
 
 def _with_camera(link: Link, device: str) -> Link:
@@ -218,50 +282,7 @@ def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]
     return take
 
 
-def refuse_of_other_link(
-    ros: Mapping[str, bool], of_udp: Mapping[str, object], of_ros: Mapping[str, object], network: bool
-) -> None:
-    """Raises InputError for two links, and for an option that would be left aside."""
-    chosen = [option for option, given in ros.items() if given]
-    if len(chosen) > 1:
-        raise InputError(f"{' '.join(chosen)}: one of them carries the messages")
-    wrong = [option for option, value in (of_udp if chosen else of_ros).items() if value]
-    if wrong:
-        raise InputError(f"{wrong[0]}: counts only {'without ' + chosen[0] if chosen else 'with ' + _one_of(ros)}")
-    if network and not {"--dds", "--zenoh"} & set(chosen):
-        raise InputError("--network: counts only with --dds or --zenoh")
-
-
-def _one_of(ros: Mapping[str, bool]) -> str:
-    return " or ".join((", ".join(list(ros)[:-1]), list(ros)[-1]))
-
-
-def _transport(
-    ros: Mapping[str, bool], namespace: str, network: bool, here: tuple[str, int] | None = None, name: str = "touchline"
-) -> Transport:
-    """What carries ROS's messages. Raises InputError where it cannot."""
-    if here is not None:
-        _require("--bridge", "bags", "rosbags")
-        from touchline.live.bridge import Bridge
-
-        return Bridge(here)
-    if ros["--dds"]:
-        _require("--dds", "ros2", "cyclonedds", "rosbags")
-        from touchline.live.dds import Dds
-
-        return Dds(namespace, network, name)
-    if ros["--zenoh"]:
-        _require("--zenoh", "zenoh", "zenoh", "rosbags")
-        from touchline.live.zenoh_link import Zenoh
-
-        return Zenoh(namespace, network, name)
-    from touchline.live.rclpy_link import Rclpy, require_rclpy
-
-    require_rclpy()
-    return Rclpy(namespace, name=name)
-
-
-def as_namespace(text: str) -> str:
+def _as_namespace(text: str) -> str:
     """/robot1 of /robot1, robot1 and /robot1/. Raises InputError for what ROS takes for none."""
     name = text.strip("/")
     if name and not all(part.isidentifier() and part.isascii() for part in name.split("/")):
@@ -269,21 +290,18 @@ def as_namespace(text: str) -> str:
     return f"/{name}" if name else ""
 
 
-def _require(option: str, extra: str, *modules: str) -> None:
-    """Raises InputError where a library is not installed."""
-    from importlib.util import find_spec
-
-    missing = [name for name in modules if find_spec(name) is None]
-    if missing:
-        raise InputError(f"{option}: {' and '.join(missing)} is not installed: pip install 'touchline[{extra}]'")
-
-
 def play(
+    link: LinkArgument,
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.")],
-    dds: ByDds = False,
-    zenoh: ByZenoh = False,
-    network: BeyondMachine = False,
-    udp: Address = None,
+    to: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            metavar="[HOST:]PORT",
+            help=f"Where touchline live listens (default: {PORT} of loopback).",
+            rich_help_panel=_OF_UDP,
+        ),
+    ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
     delay: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Images come so much later than they were taken (s).")
@@ -295,22 +313,10 @@ def play(
     from touchline.live.playing import play as play_recording
     from touchline.sources import open_source
 
-    ros = {"--dds": dds, "--zenoh": zenoh}
-    refuse_of_other_link(ros, {"--udp": udp}, {}, network)
-    udp = udp or str(PORT)
+    LinkChoice(link, None, to, (), None, 0.0, "").require_own_options()
     source = open_source(recording, follow_links)
-    robot: Robot
-    if any(ros.values()):
-        transport = _transport(ros, "", network, name="touchline_play")
-        from touchline.live.ros_link import RosRobot
-        from touchline.sources.bags.camera_file import ros_camera
-
-        robot = RosRobot(transport, ros_camera(source))
-    else:
-        from touchline.live.udp import UdpRobot
-
-        robot = UdpRobot(address(udp, "--udp"))
-    where = "topics of ROS 2" if any(ros.values()) else f"udp {udp}"
+    robot = _robot(link, to or str(PORT), source)
+    where = "topics of ROS 2" if link is LinkName.ROS else f"UDP {to or PORT}"
     errors_console().print(f"{source.name}: {counted(len(source), 'image')} to {where}; Ctrl-C ends it")
     sent = 0
     with interruptible() as stop:
@@ -320,6 +326,19 @@ def play(
                 break
     robot.close()
     say(f"{counted(sent, 'image')} sent")
+
+
+def _robot(link: LinkName, to: str, source: Recording) -> UdpRobot | RosRobot:
+    """The robot's end of a link. Raises InputError where there is none."""
+    if link is LinkName.ROS:
+        node = _ros_node("touchline_play")
+        from touchline.live.ros_link import RosRobot
+        from touchline.sources.bags.camera_file import ros_camera
+
+        return RosRobot(node, ros_camera(source))
+    from touchline.live.udp import UdpRobot
+
+    return UdpRobot(address(to, "--to"))
 
 
 def address(text: str, option: str) -> tuple[str, int]:

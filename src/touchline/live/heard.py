@@ -105,13 +105,3 @@ class Picture(NamedTuple):
     data: bytes | None
     observation: Observation | None
     base_from_camera: Pose3 | None
-
-
-class Robot(Protocol):
-    """The other end of a link, which a recording is played to."""
-
-    def send(self, event: Reading | Picture) -> None:
-        """Send a sample or an image. Nobody has to listen."""
-
-    def close(self) -> None:
-        """Let go of the link."""

@@ -1,25 +1,21 @@
-"""What the links of ROS share: which topics are read, what their messages say, and what is published.
+"""The link to ROS 2: which topics are read, what their messages say, and what is published."""
 
-A transport carries messages as the bytes that they are: DDS, rclpy, Zenoh, or the bridge of the ROS package.
-"""
-
-import os
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from touchline.camera import Camera, PerspectiveCamera
 from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.live.heard import Heard, Picture, Published, Reading, count_refused
 from touchline.live.overlays import Overlays
-from touchline.live.ros import RosReader
-from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, PLAYED
-from touchline.live.ros_writer import RosWriter
+from touchline.live.ros_node import RosNode
+from touchline.live.ros_reader import FIXED_TOPICS, FIXED_TYPES, RosReader
+from touchline.live.ros_writer import BOOSTER_POSE_TYPE, PLAYED, RosWriter
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.result_messages import OVERLAY, OWN, Outgoing, ResultMessages
+from touchline.sources.bags.result_messages import OVERLAY, OWN, ResultMessages
 from touchline.sources.bags.roles import (
     CAMERA_INFO,
     COMPASS,
@@ -31,60 +27,23 @@ from touchline.sources.bags.roles import (
     choose_topics,
 )
 from touchline.sources.bags.standard import Frames
-from touchline.sources.bags.with_rosbags import BadMessageError, Codec
+from touchline.sources.bags.with_rosbags import BadMessageError
 from touchline.sources.problems import ProblemLog
 
-NODE = "touchline"
 SETTLE_S = 1.0  # after a publisher has appeared, until topics are chosen: others may still come
 UNUSABLE = (BadMessageError, InputError, ValueError, TypeError, OverflowError, AttributeError, IndexError)
 """What a message that is none may raise where it is read."""
 
 
-class Transport(Protocol):
-    """Carries messages of ROS as bytes (CDR), and knows which topics there are."""
-
-    pause_s: float
-    """Between two looks at what has come."""
-
-    def offered(self) -> Iterable[tuple[str, str]]:
-        """Names and types, sensor_msgs/msg/Image, of what somebody publishes."""
-
-    def read(self, name: str, kind: str) -> None:
-        """Read a topic from now on."""
-
-    def take(self, ends_s: float) -> Iterable[tuple[str, bytes]]:
-        """Topics and messages that have come. ends_s: until when they may be waited for."""
-
-    def announce(self, name: str, kind: str, latched: bool = False) -> None:
-        """Say that something will be published. latched: those that come later receive the last one."""
-
-    def write(self, name: str, kind: str, data: bytes, latched: bool = False) -> None:
-        """Publish a message."""
-
-    def wanted(self, name: str) -> bool:
-        """Whether somebody reads a topic that is published here."""
-
-    @property
-    def refused(self) -> Mapping[str, int]:
-        """What could not be carried, and how often."""
-
-    def around(self) -> str:
-        """Where it looks for topics, in words."""
-
-    def close(self) -> None:
-        """Leave the network."""
-
-
 class RosOptions(NamedTuple):
     """topics: role -> topic, where it isn't found by its type. base: the robot's frame on the ground, None: by its
-    usual names. namespace: of this robot, whose topics come first. field: that is shown. camera: of features in pixels,
-    and of a head whose own pose a topic tells. late_ms: by which messages without a stamp are received later than
-    measured. frames: of what is published. while_searching: the transform is published then, too; tf: at all.
+    usual names. field: that is shown. camera: of features in pixels, and of a head whose own pose a topic gives.
+    late_ms: by which messages without a stamp are received later than measured. frames: of what is published.
+    while_searching: the transform is published then, too; tf: at all.
     """
 
     topics: Mapping[str, str] = MappingProxyType({})
     base: str | None = None
-    namespace: str = ""
     field: FieldModel | None = None
     camera: Camera | None = None
     late_ms: float = 0.0
@@ -94,74 +53,71 @@ class RosOptions(NamedTuple):
 
 
 class RosLink:
-    """A link whose topics are found by their types as publishers appear, or named; whoever carries the messages."""
+    """A link whose topics are found by their types as publishers appear, or named; those of the node's namespace come
+    first.
+    """
 
-    def __init__(self, transport: Transport, options: RosOptions | None = None) -> None:
+    def __init__(self, node: RosNode, options: RosOptions | None = None) -> None:
         """Raises InputError."""
         options = options or RosOptions()
         self._named = dict(options.topics)
         for role in self._named:
             if role not in ROLES:
                 raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
-        self.transport = transport
-        self._codec, self._namespace = Codec(), options.namespace
+        self._node = node
         self._reader = RosReader(options.base, options.camera, options.late_ms)
-        results = ResultMessages(self._codec, options.field, options.namespace)
+        results = ResultMessages(node.codec, options.field, node.namespace)
         results.standard.frames = options.frames
         results.while_searching, results.with_tf = options.while_searching, options.tf
-        self._writer, self._overlays = RosWriter(self._codec, results), Overlays(options.field)
+        self._writer, self._overlays = RosWriter(node.codec, results), Overlays(options.field)
         self._seen: dict[str, Topic] = {}
         self._news_s = 0.0
         self._chosen: dict[str, set[str]] = {}  # roles by topic
         self._refused: Counter[str] = Counter()
-        results.wanted = transport.wanted
+        results.wanted = node.wanted
         for topic, kind, latched in results.announced():
-            transport.announce(topic, kind, latched)
+            node.announce(topic, kind, latched)
         for out in results.field():
-            self._write(out)
+            node.publish(out)
 
     def hear(self, timeout_s: float) -> list[Heard]:
         """What has come; the first message is waited for."""
         ends_s = time.monotonic() + timeout_s
         while True:
-            for name, kind in self.transport.offered():
+            for name, kind in self._node.offered():
                 if name not in self._seen:
                     self._seen[name] = Topic(name, kind, "cdr", None, 1)
                     self._news_s = time.monotonic()
             for topic in self._to_read():
-                self.transport.read(topic.name, topic.type)
+                self._node.read(topic.name, topic.type)
             for name, kind in self._answers():
-                self.transport.announce(name, kind)
+                self._node.announce(name, kind)
             # where the camera is, and what it is, come before what it saw
-            taken = sorted(self.transport.take(ends_s), key=lambda each: self._order(each[0]))
+            taken = sorted(self._node.take(ends_s), key=lambda each: self._order(each[0]))
             found = [heard for name, data in taken for heard in self._heard(name, data)]
             found += self._reader.due()
             if found or time.monotonic() >= ends_s:
                 return found
-            time.sleep(self.transport.pause_s)
 
     def publish(self, published: Published) -> None:
         """Publish an estimate."""
         for out in self._writer.published(published):
-            self._write(out)
+            self._node.publish(out)
         results = self._writer.results
-        if published.frame is not None and self.transport.wanted(results.namespace + OVERLAY):
+        if published.frame is not None and self._node.wanted(results.namespace + OVERLAY):
             jpeg = self._overlays.picture(self._reader.camera, published.frame, published.estimate)
             if jpeg is not None:
-                self._write(results.overlay(max(published.estimate.stamp_ns, 0), jpeg))
+                self._node.publish(results.overlay(max(published.estimate.stamp_ns, 0), jpeg))
 
     def close(self) -> None:
         """Leave the network."""
-        self.transport.close()
-
-    def _write(self, out: Outgoing) -> None:
-        self.transport.write(out.topic, out.kind, self._codec.encode(out.kind, out.message), out.latched)
+        self._node.close()
 
     def around(self) -> str:
         """What is to be heard here, in words."""
         names = [f"{name} ({topic.type})" for name, topic in sorted(self._seen.items())]
         found = f"topics that were found: {', '.join(names)[:600]}" if names else "no topic was found"
-        return "; ".join(filter(None, (found, self.transport.around())))
+        return f"{found}; {self._node.around()}"
 
     @property
     def topics(self) -> dict[str, str]:
@@ -171,7 +127,7 @@ class RosLink:
     @property
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
-        return {**(self._refused + self._reader.refused), **self.transport.refused}
+        return {**(self._refused + self._reader.refused), **self._node.refused}
 
     def _to_read(self) -> list[Topic]:
         """Topics that are to be read from now on: fixed ones at once, others once nothing new appears."""
@@ -199,7 +155,7 @@ class RosLink:
         """What a message says; what can't be used is counted."""
         roles, topic = self._chosen[name], self._seen[name]
         try:
-            message = self._codec.decode(topic, data)
+            message = self._node.codec.decode(topic, data)
             for role in roles - ({COMPASS} if IMU in roles else set()):
                 yield from self._reader.read(role, message, with_compass=COMPASS in roles)
         except UNUSABLE as error:
@@ -207,7 +163,7 @@ class RosLink:
 
     def _fixed(self, name: str) -> str | None:
         """The role of a topic that is known by its name, with or without the namespace."""
-        return FIXED_TOPICS.get(name) or (FIXED_TOPICS.get(name.removeprefix(self._namespace)))
+        return FIXED_TOPICS.get(name) or (FIXED_TOPICS.get(name.removeprefix(self._node.namespace)))
 
     def _order(self, name: str) -> int:
         """In which messages that came together are read: CameraInfo needs the transforms, an image needs both."""
@@ -217,12 +173,12 @@ class RosLink:
         """What was found for each role that is still free."""
         named = {role: name for role, name in self._named.items() if name in self._seen}
         free = {name: topic for name, topic in self._seen.items() if not (self._fixed(name) or OWN in name)}
-        own = {name: topic for name, topic in free.items() if name.startswith(f"{self._namespace}/")}
+        own = {name: topic for name, topic in free.items() if name.startswith(f"{self._node.namespace}/")}
         own |= {name: free[name] for name in named.values() if name in free}
         waits = {role for role in self._named if role not in named}
         taken = set(self.topics)
         try:
-            found = choose_topics(own, named, ProblemLog()) if self._namespace else {}
+            found = choose_topics(own, named, ProblemLog()) if self._node.namespace else {}
             found = found or choose_topics(free, named, ProblemLog())
         except InputError as error:
             self._refused[str(error)] += 1
@@ -233,31 +189,20 @@ class RosLink:
 class RosRobot:
     """The robot's side: publishes what a recording holds. camera: of its images, where ROS has messages for it."""
 
-    def __init__(self, transport: Transport, camera: PerspectiveCamera | None = None) -> None:
-        """Announces everything and waits until those that listen have found it."""
-        self._transport, self._codec = transport, Codec()
-        self._writer = RosWriter(self._codec, camera=camera)
+    def __init__(self, node: RosNode, camera: PerspectiveCamera | None = None) -> None:
+        """Announces everything and waits until listeners have found it."""
+        self._node, self._writer = node, RosWriter(node.codec, camera=camera)
         for topic, kind in PLAYED.items():
-            transport.announce(topic, kind)
+            node.announce(topic, kind)
         time.sleep(2.0 * SETTLE_S)
 
     def send(self, event: Reading | Picture) -> None:
         """Publish a sample or an image."""
-        self._publish(self._writer.played(event))
+        for out in self._writer.played(event):
+            self._node.publish(out)
 
     def close(self) -> None:
         """Send what is left, and leave the network."""
-        self._publish(self._writer.rest())
-        self._transport.close()
-
-    def _publish(self, messages: Iterable[Outgoing]) -> None:
-        for out in messages:
-            self._transport.write(out.topic, out.kind, self._codec.encode(out.kind, out.message))
-
-
-def domain_id() -> int:
-    """ROS_DOMAIN_ID, else 0. Raises InputError."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not text.isdigit() or int(text) > 232:
-        raise InputError(f"ROS_DOMAIN_ID={text:.40}: expected a number from 0 to 232")
-    return int(text)
+        for out in self._writer.rest():
+            self._node.publish(out)
+        self._node.close()

@@ -9,22 +9,24 @@ from touchline.camera import PerspectiveCamera
 from touchline.geometry import Pose3
 from touchline.live.datagrams import reading_datagram, seen_datagram
 from touchline.live.heard import Picture, Published, Reading
-from touchline.live.ros_topics import (
-    BOOSTER_POSE,
-    BOOSTER_POSE_TYPE,
-    IMAGE_TOPIC,
-    IMU_TOPIC,
-    INFO_TOPIC,
-    ODOMETRY_TOPIC,
-    PLAYED,
-    SEEN_TOPIC,
-    WHEELS_TOPIC,
-)
+from touchline.live.ros_reader import FIXED_TYPES, SAID, SEEN_TOPIC, TRANSFORMS, WHEELS_TOPIC
+from touchline.sources.bags import roles
 from touchline.sources.bags.result_messages import Outgoing, ResultMessages
 from touchline.sources.bags.standard import BASE, BODY
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Status
 
+_IMAGE_TOPIC, _INFO_TOPIC, _ODOMETRY_TOPIC, _IMU_TOPIC = "/image/compressed", "/camera_info", "/odom", "/imu/data"
+PLAYED = {
+    _IMAGE_TOPIC: roles.COMPRESSED_IMAGE,
+    _INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
+    _ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
+    _IMU_TOPIC: "sensor_msgs/msg/Imu",
+    "/tf": FIXED_TYPES[TRANSFORMS],
+    WHEELS_TOPIC: FIXED_TYPES[SAID],
+    SEEN_TOPIC: FIXED_TYPES[SAID],
+}
+BOOSTER_POSE_TYPE = "geometry_msgs/msg/Pose2D"
 _INERTIAL = ("gyro", "compass", "attitude")
 _MAX_BYTES = 8_000_000  # of what a detector found
 
@@ -44,7 +46,7 @@ class RosWriter:
 
     def as_booster(self, name: str) -> str:
         """Tell the pose on the topic of Booster's robots, too. name: what stands behind it. Returns the topic."""
-        self._booster = BOOSTER_POSE + name
+        self._booster = f"/booster_soccer/robot_pose{name}"
         return self._booster
 
     def published(self, published: Published) -> Iterator[Outgoing]:
@@ -71,13 +73,13 @@ class RosWriter:
                 yield self._said(SEEN_TOPIC, seen_datagram(found, event.base_from_camera, _MAX_BYTES))
             elif event.data is not None:
                 yield from self._described(stamp_ns, event.base_from_camera)
-                yield Outgoing(IMAGE_TOPIC, PLAYED[IMAGE_TOPIC], self._make.compressed(stamp_ns, event.data))
+                yield Outgoing(_IMAGE_TOPIC, PLAYED[_IMAGE_TOPIC], self._make.compressed(stamp_ns, event.data))
         elif inertial:
             self._inertial_ns = event.stamp_ns
             self._inertial[event.sensor] = event.values
         elif event.sensor == "odometry":
             message = self._make.odometry(max(event.stamp_ns, 0), *event.values[:3])
-            yield Outgoing(ODOMETRY_TOPIC, PLAYED[ODOMETRY_TOPIC], message)
+            yield Outgoing(_ODOMETRY_TOPIC, PLAYED[_ODOMETRY_TOPIC], message)
         else:
             yield self._said(WHEELS_TOPIC, reading_datagram(event))
 
@@ -100,7 +102,7 @@ class RosWriter:
             placed_ns, body = (self._leaned_ns, BODY) if leans else (stamp_ns, BASE)
             yield self._placed(self._make.camera_at(placed_ns, self._camera.base_from_camera, body))
         if self._camera is not None:
-            yield Outgoing(INFO_TOPIC, PLAYED[INFO_TOPIC], self._make.camera_info(stamp_ns, self._camera))
+            yield Outgoing(_INFO_TOPIC, PLAYED[_INFO_TOPIC], self._make.camera_info(stamp_ns, self._camera))
 
     def _placed(self, transform: Any) -> Outgoing:
         return Outgoing("/tf", PLAYED["/tf"], transform)
@@ -115,4 +117,4 @@ class RosWriter:
         rates = self._inertial.get("gyro", (math.nan,) * 3)
         self._inertial = {}
         message = self._make.imu(max(self._inertial_ns, 0), (roll, pitch, yaw), rates)
-        return Outgoing(IMU_TOPIC, PLAYED[IMU_TOPIC], message)
+        return Outgoing(_IMU_TOPIC, PLAYED[_IMU_TOPIC], message)

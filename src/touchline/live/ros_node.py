@@ -1,41 +1,28 @@
-"""The topics of ROS 2 by rclpy, where Python has it: for whatever middleware ROS speaks there, Zenoh, too.
+"""A node of ROS 2 by rclpy, over whatever middleware ROS speaks.
 
-Messages go through it as the bytes that they are (`raw` subscriptions, bytes published), and are read and made as those
-of the other links.
+Messages pass as bytes (CDR), which the reader of bags decodes and makes: subscriptions are `raw`.
 """
 
 import importlib
+import os
 import time
 from collections import deque
 from collections.abc import Iterator
-from importlib.util import find_spec
 from typing import Any
 
-from touchline.errors import InputError
-from touchline.live.ros_link import NODE
+from touchline.sources.bags.result_messages import Outgoing
+from touchline.sources.bags.with_rosbags import Codec
 
-_LOOK_S = 0.5  # for new topics
+_LOOK_S = 0.5  # between two looks for new topics
 _MAX_AT_ONCE, _DEPTH = 100, 100
-_OPTIONAL = ("nav2_msgs",)  # packages whose topics are left out without a word
+_OPTIONAL = ("nav2_msgs",)  # packages that need not be installed
 
 
-def require_rclpy() -> None:
-    """Raises InputError where rclpy cannot be imported."""
-    missing = [name for name in ("rclpy", "rosbags") if find_spec(name) is None]
-    if missing:
-        raise InputError(
-            f"--rclpy: {' and '.join(missing)} cannot be imported: source ROS's setup.bash, in an environment of ROS's "
-            "own Python; or take --dds, or the bridge of ros/touchline_ros (--bridge)"
-        )
+class RosNode:
+    """Finds topics as publishers appear, reads them with the quality of service that is offered, and publishes."""
 
-
-class Rclpy:
-    """A node of ROS: topics are found as they appear, and read with what their publishers offer."""
-
-    pause_s = 0.0
-
-    def __init__(self, namespace: str = "", node: Any = None, name: str = NODE) -> None:
-        """node: one that is there already, with its executor; it is spun here, and outlives this."""
+    def __init__(self, name: str = "touchline", namespace: str = "", node: Any = None) -> None:
+        """node: an existing one, with its executor; it is spun here, and outlives this object."""
         self._rclpy: Any = importlib.import_module("rclpy")
         self._qos: Any = importlib.import_module("rclpy.qos")
         self._starts = node is None and not self._rclpy.ok()
@@ -47,6 +34,8 @@ class Rclpy:
         if self._executor is None:
             self._executor = importlib.import_module("rclpy.executors").SingleThreadedExecutor()
             self._executor.add_node(self._node)
+        self.codec = Codec()
+        self.namespace: str = self._node.get_namespace().rstrip("/")
         self._came: deque[tuple[str, bytes]] = deque()
         self._subscriptions: list[Any] = []
         self._publishers: dict[str, Any] = {}
@@ -55,12 +44,12 @@ class Rclpy:
 
     @property
     def refused(self) -> dict[str, int]:
-        """What could not be carried."""
+        """Topics that could not be read or published."""
         return {f"a topic of {kind}, whose definition is not installed": 1 for kind in sorted(self._unknown)}
 
     def around(self) -> str:
-        """Nothing that ROS does not say itself."""
-        return ""
+        """Where topics are looked for, in words."""
+        return f"ROS_DOMAIN_ID is {os.environ.get('ROS_DOMAIN_ID', '').strip() or '0'}"
 
     def close(self) -> None:
         """Leave the graph."""
@@ -75,7 +64,7 @@ class Rclpy:
             self._rclpy.shutdown()
 
     def offered(self) -> Iterator[tuple[str, str]]:
-        """Names and types of what others publish."""
+        """Names and types, as sensor_msgs/msg/Image, of what others publish."""
         if time.monotonic() < self._looked_s + _LOOK_S:
             return
         self._looked_s = time.monotonic()
@@ -85,7 +74,7 @@ class Rclpy:
                 yield name, kinds[0]
 
     def take(self, ends_s: float) -> list[tuple[str, bytes]]:
-        """What has come."""
+        """Topics and messages that have come. ends_s: until when they may be waited for."""
         self._executor.spin_once(timeout_sec=min(max(ends_s - time.monotonic(), 0.0), 0.01))
         for _ in range(_MAX_AT_ONCE):  # what else is there
             before = len(self._came)
@@ -112,17 +101,19 @@ class Rclpy:
         self._subscriptions.append(self._node.create_subscription(message, name, came, profile, raw=True))
 
     def announce(self, name: str, kind: str, latched: bool = False) -> None:
-        """Say that something will be published; where its definition is not installed, `refused` says so."""
+        """Announce what will be published; `refused` says where its definition is not installed. latched: subscribers
+        that come later receive the last message.
+        """
         made = None if name in self._publishers else self._message_class(kind)
         if made is not None:
             profile = self._profile(1 if latched else 10, True, latched)
             self._publishers[name] = self._node.create_publisher(made, name, profile)
 
-    def write(self, name: str, kind: str, data: bytes, latched: bool = False) -> None:
+    def publish(self, out: Outgoing) -> None:
         """Publish a message."""
-        self.announce(name, kind, latched)
-        if name in self._publishers:
-            self._publishers[name].publish(data)
+        self.announce(out.topic, out.kind, out.latched)
+        if out.topic in self._publishers:
+            self._publishers[out.topic].publish(self.codec.encode(out.kind, out.message))
 
     def wanted(self, name: str) -> bool:
         """Whether somebody reads what is published there."""
@@ -137,7 +128,7 @@ class Rclpy:
         )
 
     def _message_class(self, kind: str) -> Any:
-        """rclpy needs a message's own class, though its bytes are read here; None where it is not installed."""
+        """A message's class, which rclpy needs, though only bytes pass; None where it is not installed."""
         try:
             package, _, name = kind.split("/")
             return getattr(importlib.import_module(f"{package}.msg"), name)

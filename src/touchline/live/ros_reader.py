@@ -1,6 +1,6 @@
-"""Messages of ROS as what a robot says; whoever carries them.
+"""Messages of ROS as what a robot reports.
 
-What comes is read by its role: images, odometry, IMU, compass, line points, what a detector found (found by type, or
+Each is read by its role: images, odometry, IMU, compass, line points, what a detector found (found by type, or
 named), /tf and /tf_static for where camera and sensors are, /initialpose, and what ROS has no message for as the JSON
 of `touchline.live.datagrams` in strings: /touchline/evidence, /touchline/wheels, /touchline/seen.
 """
@@ -18,7 +18,6 @@ from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.datagrams import Datagrams
 from touchline.live.heard import Described, Heard, Reading, Sight, Start, count_refused
-from touchline.live.ros_topics import CLOCK, FIRST_POSE, PLANE, SAID, TRANSFORMS
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_file import camera_mapping
 from touchline.sources.bags.camera_track import CameraTrack
@@ -32,6 +31,25 @@ from touchline.sources.observations import observation_of
 from touchline.sources.truth import heading_of
 from touchline.types import MAX_OBSERVED_POINTS, Observation, points_at
 
+TRANSFORMS, FIRST_POSE, SAID, CLOCK = "tf", "initialpose", "said", "clock"  # roles beside those of bags
+WHEELS_TOPIC, SEEN_TOPIC = "/touchline/wheels", "/touchline/seen"
+FIXED_TOPICS = {
+    "/tf": TRANSFORMS,
+    "/tf_static": TRANSFORMS,
+    "/initialpose": FIRST_POSE,
+    "/clock": CLOCK,
+    "/touchline/evidence": SAID,
+    "/touchline/game_state": SAID,
+    WHEELS_TOPIC: SAID,
+    SEEN_TOPIC: SAID,
+}
+FIXED_TYPES = {
+    TRANSFORMS: "tf2_msgs/msg/TFMessage",
+    FIRST_POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
+    CLOCK: "rosgraph_msgs/msg/Clock",
+    SAID: "std_msgs/msg/String",
+}
+_PLANE = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw of a covariance (6, 6)
 _WAIT_NS = 30_000_000  # for the slower of two topics that tell of one image
 _SECOND_NS = 1_000_000_000
 
@@ -88,7 +106,7 @@ class RosReader:
             self._clock_ns = int(message.clock.sec) * _SECOND_NS + int(message.clock.nanosec)
         elif role == FIRST_POSE:
             place, turn = place_and_turn(message)
-            covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[PLANE]
+            covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[_PLANE]
             heading = heading_of(turn.x, turn.y, turn.z, turn.w)
             yield Start(Pose(place.x, place.y, heading), covariance if covariance.any() else None)
         elif role == roles.ODOMETRY:

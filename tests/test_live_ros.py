@@ -1,0 +1,425 @@
+"""The link to ROS's topics against a stand-in for rclpy; tests/ros_node.py (`make ros`) takes the real one."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import fake_rclpy
+import numpy as np
+import pytest
+from fake_rclpy import Durability, Node, Publisher, Reliability, Ros
+from foreign_bags import EPOCH_NS, Types, compressed, foreign_messages
+from small_recordings import borrow
+from team_writing import BOOSTER_TYPES, TeamMessages
+
+from touchline.cli import live, main
+from touchline.field import open_field
+from touchline.geometry import Pose, Pose3
+from touchline.live import ros_link, ros_node
+from touchline.live.heard import Described, Heard, Picture, Published, Reading, Sight
+from touchline.live.loop import LiveLoop
+from touchline.live.ros_link import RosLink, RosOptions, RosRobot
+from touchline.live.ros_node import RosNode
+from touchline.live.ros_writer import RosWriter
+from touchline.localizer import Localizer
+from touchline.sources import open_source
+from touchline.sources.bags.camera_file import ros_camera
+from touchline.sources.bags.messages import Topic
+from touchline.sources.bags.with_rosbags import Codec
+from touchline.types import (
+    Crossings,
+    Estimate,
+    Evidence,
+    Landmarks,
+    Observation,
+    Status,
+    generic_covariances,
+)
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+STRING, ODOMETRY = "std_msgs/msg/String", "nav_msgs/msg/Odometry"
+
+
+@pytest.fixture
+def ros(monkeypatch: pytest.MonkeyPatch) -> Ros:
+    """And no long waits."""
+    monkeypatch.setattr(ros_link, "SETTLE_S", 0.02)
+    monkeypatch.setattr(ros_node, "_LOOK_S", 0.01)
+    return fake_rclpy.install(monkeypatch)
+
+
+def opened(namespace: str = "", **options: Any) -> RosLink:
+    return RosLink(RosNode(namespace=namespace), RosOptions(**options))
+
+
+def robot_of(camera: Any = None) -> RosRobot:
+    return RosRobot(RosNode("touchline_play"), camera)
+
+
+def heard_by(link: RosLink, until: Callable[[list[Heard]], object]) -> list[Heard]:
+    heard: list[Heard] = []
+    ends_s = time.monotonic() + 5.0
+    while not until(heard) and time.monotonic() < ends_s:
+        heard += link.hear(0.01)
+    return heard
+
+
+def has_sight(heard: list[Heard]) -> bool:
+    return any(isinstance(each, Sight) for each in heard)
+
+
+def subscriptions(ros: Ros) -> dict[str, Any]:
+    """Topics that the link reads, and how."""
+    return {each.topic: each.qos for each in ros.node("touchline").subscriptions}
+
+
+def decoded(codec: Codec, node: Node, received: dict[str, bytes]) -> dict[str, Any]:
+    kinds = {name: kinds[0] for name, kinds in node.get_topic_names_and_types()}
+    return {name: codec.decode(Topic(name, kinds[name], "cdr", None, 1), data) for name, data in received.items()}
+
+
+def test_topics_are_read_as_their_publishers_offer_them(ros: Ros) -> None:
+    link, robot, codec = opened(), ros.create_node("robot"), Codec()
+    odometry = robot.offer("/odom", ODOMETRY)
+    robot.offer("/image/compressed", "sensor_msgs/msg/CompressedImage", reliable=False)
+    robot.offer("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
+    robot.offer("/tf", "tf2_msgs/msg/TFMessage")
+    robot.offer("/imu", "missing_msgs/msg/Imu")
+    heard_by(link, lambda heard: len(subscriptions(ros)) == 4)
+    assert {name: (qos.reliability, qos.durability) for name, qos in subscriptions(ros).items()} == {
+        "/odom": (Reliability.RELIABLE, Durability.VOLATILE),
+        "/image/compressed": (Reliability.BEST_EFFORT, Durability.VOLATILE),
+        "/tf_static": (Reliability.RELIABLE, Durability.TRANSIENT_LOCAL),
+        "/tf": (Reliability.RELIABLE, Durability.VOLATILE),
+    }
+    for out in RosWriter(codec).played(Reading("odometry", 7, (1.0, 2.0, 0.5))):
+        odometry.publish(codec.encode(out.kind, out.message))
+    odometry.publish(b"\0\1\0\0none")
+    heard = heard_by(link, lambda heard: heard and link.refused)
+    assert [each.stamp_ns for each in heard if isinstance(each, Reading)] == [7]
+    assert any("/odom that can't be used" in what for what in link.refused)
+    link.close()
+    assert not ros.running
+    assert [node.name for node in ros.nodes] == ["robot"]
+
+
+def test_a_recording_played_by_one_node_is_heard_by_another_as_it_was_recorded(ros: Ros) -> None:
+    link, robot = opened(topics={"compass": "/imu/data"}), robot_of()
+    sent: list[Reading | Picture] = []
+    data = (EXAMPLE / "images" / "000003.jpg").read_bytes()
+    for k in range(20):
+        stamp = 10_000_000 * (k + 1)
+        sent += [
+            Reading("odometry", stamp, (0.1 * k, 0.2, 0.3)),
+            Reading("gyro", stamp, (0.1, 0.2, 0.01 * k)),
+            Reading("compass", stamp, (1.5,)),
+        ]
+    sent.append(Picture(200_000_000, data, None, Pose3.from_roll_pitch_yaw(0.0, 0.3, 0.1, (0.1, 0.0, 1.0))))
+    heard_by(link, lambda heard: {"image", "odometry", "imu", "compass", "tf"} <= set(link.topics))
+    for event in sent:
+        robot.send(event)
+    heard = heard_by(link, has_sight)
+    readings = [each for each in heard if isinstance(each, Reading)]
+    odometry = [each for each in readings if each.sensor == "odometry"]
+    assert [each.stamp_ns for each in odometry] == [10_000_000 * (k + 1) for k in range(20)]
+    np.testing.assert_allclose(odometry[7].values, (0.7, 0.2, 0.3), atol=1e-12)
+    compass = [each for each in readings if each.sensor == "compass"]
+    assert len(compass) == 20
+    assert compass[0].values[0] == pytest.approx(1.5)
+    (sight,) = (each for each in heard if isinstance(each, Sight))
+    assert sight.image == data
+    assert sight.base_from_camera is not None
+    np.testing.assert_allclose(sight.base_from_camera.translation_m, (0.1, 0.0, 1.0), atol=1e-12)
+    assert link.refused == {}
+    robot.close()
+    link.close()
+
+
+def test_an_estimate_goes_out_as_pose_transform_and_diagnostics(ros: Ros) -> None:
+    link, other, codec = opened("/robot1", field=open_field("msl-18x12")), ros.create_node("other"), Codec()
+    estimate = Estimate(7_000_000_000, Pose(2.0, 1.0, 0.5), np.diag([0.01, 0.02, 0.03]), Status.TRACKING, points=88)
+    estimate = replace(estimate, protection_m=0.06, statistics={"motion": 0.25}, reason="a twin", problems=("slips",))
+    for topic, kind in {
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        "/robot1/touchline/hypotheses": "geometry_msgs/msg/PoseArray",
+    }.items():
+        other.listen(topic, kind)
+    link.publish(Published(estimate, Pose(1.0, 1.0, 0.0), image=True))
+    own = {each.topic: each for each in ros.node("touchline").publishers}
+    # what nobody looks at is not made
+    assert {name for name, publisher in own.items() if publisher.last is not None} == {
+        *("/tf", "/diagnostics", "/robot1/touchline/pose", "/robot1/touchline/hypotheses"),
+        *("/robot1/touchline/field_lines", "/robot1/touchline/map"),
+    }
+    latched = {name for name, each in own.items() if each.qos_profile.durability is Durability.TRANSIENT_LOCAL}
+    assert latched == {"/robot1/touchline/pose", "/robot1/touchline/field_lines", "/robot1/touchline/map"}
+    other.listen("/robot1/touchline/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", latched=True)
+    found = decoded(codec, other, other.spin())
+    pose = found["/robot1/touchline/pose"]
+    assert pose.header.frame_id == "map"
+    assert (pose.pose.pose.position.x, pose.pose.covariance[7], pose.pose.covariance[35]) == (2.0, 0.02, 0.03)
+    moved = found["/tf"].transforms[0]
+    assert (moved.header.frame_id, moved.child_frame_id) == ("map", "odom")
+    assert (moved.transform.translation.x, moved.transform.translation.y) == (1.0, 1.0)
+    (status,) = found["/diagnostics"].status
+    values = {pair.key: pair.value for pair in status.values}
+    assert (status.level, status.message) == (0, "tracking: a twin; slips")
+    assert [values[key] for key in ("points", "protection_m", "motion")] == ["88", "0.06", "0.25"]
+    assert "protection_rad" not in values
+    assert len(found["/robot1/touchline/hypotheses"].poses) == 1
+    link.close()
+
+
+def test_what_ros_has_no_message_for_and_the_last_imu_come_too(ros: Ros) -> None:
+    link, robot, mate, codec = opened(), robot_of(), ros.create_node("mate"), Codec()
+    places = np.array([[1.0, 2.0], [2.5, -1.0]])
+    sure = generic_covariances(places)
+    crossings = Crossings(np.array(["L", "T"]), places, np.array([0.5, np.nan]), sure, np.array([0.5, 1.0]), places)
+    landmarks = Landmarks(np.array(["goal"]), places[:1], sure[:1], np.ones(1), (("blue",),), places[:1])
+    evidence = mate.offer("/touchline/evidence", STRING)
+    heard_by(link, lambda heard: {"image", "odometry", "imu", "said"} <= set(link.topics))
+    robot.send(Reading("wheels", 5, (0.25, 0.5)))
+    robot.send(Picture(9, None, Observation(9, crossings=crossings, landmarks=landmarks), None))
+    said = '{"kind": "evidence", "source": "mate", "probability": 0.8, "own_half": true}'
+    evidence.publish(codec.encode(STRING, codec.make(STRING, data=said)))
+    robot.send(Reading("gyro", 20, (0.1, 0.2, 0.3)))
+    heard = heard_by(link, lambda heard: len(heard) >= 3)
+    robot.close()
+    heard += heard_by(link, lambda more: len(more) >= 1)
+    assert Reading("wheels", 5, (0.25, 0.5)) in heard
+    assert Reading("gyro", 20, (0.1, 0.2, 0.3)) in heard
+    assert Evidence("mate", 0.8, own_half=True) in heard
+    (seen,) = (each.observation for each in heard if isinstance(each, Sight))
+    assert seen is not None
+    assert seen.crossings.kinds.tolist() == ["L", "T"]
+    assert seen.crossings.orientations_rad[0] == pytest.approx(0.5)
+    assert seen.landmarks.colors == (("blue",),)
+    assert link.refused == {}
+    link.close()
+
+
+def test_a_booster_robot_is_heard_on_its_topics_and_told_its_pose(ros: Ros) -> None:
+    link, robot, codec = opened(), ros.create_node("booster"), Codec()
+    make = TeamMessages(codec)
+    offered = {
+        name: robot.offer(f"{name}/robot1" if "soccer" in name else name, kind) for name, kind in BOOSTER_TYPES.items()
+    }
+    heard_by(link, lambda heard: len(link.topics) == 4)
+    robot.listen("/booster_soccer/robot_pose/robot1", "geometry_msgs/msg/Pose2D")
+    places = np.array([[1.0, 2.0]])
+    crossings = Crossings(np.array(["L"]), places, np.array([np.nan]), generic_covariances(places), np.ones(1), places)
+    before_ns = time.time_ns()
+    sent = [make.odometer(1.0, 2.0, 0.5), make.low_state((0.01, 0.02, 3.0), (0.1, 0.2, 0.3))]
+    for each in [*sent, *make.booster(before_ns, Observation(before_ns, crossings=crossings))]:
+        offered[each.topic].publish(codec.encode(each.kind, each.message))
+    heard = heard_by(link, has_sight)
+    readings = {each.sensor: each for each in heard if isinstance(each, Reading)}
+    assert set(readings) == {"odometry", "gyro", "attitude"}
+    np.testing.assert_allclose(readings["odometry"].values, (1.0, 2.0, 0.5), atol=1e-6)
+    assert before_ns <= readings["odometry"].stamp_ns <= time.time_ns()
+    (sight,) = (each for each in heard if isinstance(each, Sight))
+    assert sight.stamp_ns == before_ns
+    assert sight.observation is not None
+    assert sight.observation.crossings.positions_m.tolist() == [[1.0, 2.0]]
+    link.publish(Published(Estimate(before_ns, Pose(1.0, -2.0, 0.5), np.eye(3), Status.TRACKING)))
+    pose = decoded(codec, robot, robot.spin())["/booster_soccer/robot_pose/robot1"]
+    assert (pose.x, pose.y, pose.theta) == (1.0, -2.0, 0.5)
+    link.close()
+
+
+def test_of_several_that_could_be_it_the_named_one_is_read_and_a_wrong_type_is_told(ros: Ros) -> None:
+    link, robot = opened(topics={"odometry": "/wheel/odom", "imu": "/odom"}), ros.create_node("robot")
+    for name in ("/odom", "/wheel/odom"):
+        robot.offer(name, ODOMETRY)
+    heard_by(link, lambda heard: link.refused)
+    assert "odometry" not in link.topics
+    assert any("/odom: is a nav_msgs/msg/Odometry" in what for what in link.refused)
+    link.close()
+
+
+def test_of_several_robots_the_one_of_the_namespace_is_read(ros: Ros) -> None:
+    link, others = opened("/robot2"), ros.create_node("others")
+    for name in ("/robot1/odom", "/robot2/odom", "/robot3/odom"):
+        others.offer(name, ODOMETRY)
+    others.offer("/robot2/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped")
+    heard_by(link, lambda heard: len(subscriptions(ros)) == 2)
+    assert set(subscriptions(ros)) == {"/robot2/odom", "/robot2/initialpose"}
+    assert "/robot2/touchline/pose" in {each.topic for each in ros.node("touchline").publishers}
+    link.close()
+
+
+def test_without_stamps_the_time_is_that_of_clock_where_there_is_one(ros: Ros) -> None:
+    link, robot, codec = opened(), ros.create_node("robot"), Codec()
+    clock = robot.offer("/clock", "rosgraph_msgs/msg/Clock", reliable=False)
+    odometer = robot.offer("/odometer_state", "booster_interface/msg/Odometer")
+    heard_by(link, lambda heard: len(subscriptions(ros)) == 2)
+    time_type = codec.make("builtin_interfaces/msg/Time", sec=12, nanosec=5)
+    odometer.publish(codec.encode(odometer.kind, codec.make(odometer.kind, x=1.0, y=0.0, theta=0.0)))
+    clock.publish(codec.encode(clock.kind, codec.make(clock.kind, clock=time_type)))
+    (reading,) = heard_by(link, bool)
+    assert isinstance(reading, Reading)
+    assert reading.stamp_ns == 12_000_000_005
+    link.close()
+
+
+def test_a_played_recording_tells_its_camera_and_how_it_leans(ros: Ros, small_data: Path) -> None:
+    source = open_source(small_data / "humanoid_9x6_walk")
+    link, robot = opened(), robot_of(ros_camera(source))
+    heard_by(link, lambda heard: {"camera_info", "image", "imu"} <= set(link.topics))
+    robot.send(Reading("attitude", 100_000_000, (0.05, -0.02)))
+    robot.send(Picture(100_000_000, source.image_bytes(0), None, None))
+    heard = heard_by(link, has_sight)
+    (described,) = (each for each in heard if isinstance(each, Described))
+    (sight,) = (each for each in heard if isinstance(each, Sight))
+    assert described.camera.fx == pytest.approx(source.camera.fx)
+    leaned = Pose3.from_roll_pitch_yaw(0.05, -0.02, 0.0).compose(source.camera.base_from_camera)
+    assert sight.base_from_camera is not None
+    np.testing.assert_allclose(sight.base_from_camera.translation_m, leaned.translation_m, atol=1e-9)
+    np.testing.assert_allclose(sight.base_from_camera.rotation, leaned.rotation, atol=1e-9)
+    robot.close()
+    link.close()
+
+
+@contextmanager
+def humanoid(ros: Ros, folder: Path, camera_info: bool = True) -> Iterator[None]:
+    """A node that offers CameraInfo, TF and images, but no odometry topic; it publishes once they are read."""
+    node, types, publishers = ros.create_node("humanoid"), Types(), dict[str, Publisher]()
+    messages: list[tuple[int, Publisher, bytes]] = []
+    image = compressed("jpeg", ".jpg")
+    for time_ns, topic, kind, message in foreign_messages(open_source(folder), types, image, "/head/image"):
+        if topic == "/robot/odom":
+            place, turn = message.pose.pose.position, message.pose.pose.orientation
+            pose = Pose3.from_roll_pitch_yaw(0.0, 0.0, 2.0 * np.arctan2(turn.z, turn.w), (place.x, place.y, 0.0))
+            message = types.transforms(types.transform(time_ns, "odom", "base_footprint", pose))
+            topic, kind = "/tf", "tf2_msgs/msg/TFMessage"
+        if topic not in publishers:
+            publishers[topic] = node.offer(topic, kind, latched=topic == "/tf_static")
+        if camera_info or topic != "/front/camera_info":
+            messages.append((time_ns, publishers[topic], bytes(types.store.serialize_cdr(message, kind))))
+
+    def publish() -> None:
+        ends_s = time.monotonic() + 10.0
+        while not all(each.get_subscription_count() for each in publishers.values()) and time.monotonic() < ends_s:
+            time.sleep(0.01)
+        before_ns = EPOCH_NS
+        for time_ns, publisher, data in messages:
+            time.sleep(max(1e-9 * (time_ns - before_ns), 0.0))
+            before_ns = time_ns
+            publisher.publish(data)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    thread.join()
+
+
+def test_a_humanoid_needs_no_camera_yaml(ros: Ros, small_data: Path, tmp_path: Path) -> None:
+    """Its CameraInfo and TF are the camera and the odometry."""
+    folder = borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=10)
+    link, localizer = opened(), Localizer("hsl-s-9x6")
+    localizer.reset(own_half=True)
+    loop = LiveLoop(link, localizer)
+    ends_s = time.monotonic() + 400.0  # loops may have to be compiled
+    with humanoid(ros, folder):
+        loop.run(lambda: loop.counts["published"] == 10 or time.monotonic() > ends_s)
+    assert loop.counts["tracking"] >= 6, loop.counts
+    assert link.refused == {}
+    link.close()
+
+
+def test_without_camera_info_it_is_said_once_and_the_command_fails(
+    ros: Ros, small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=3)
+    with humanoid(ros, folder, camera_info=False):
+        assert main(["live", "ros", "--field", "hsl-s-9x6", "--own-half", "--seconds", "3"]) == 1
+    said = capsys.readouterr()
+    assert "tracking 0" in said.out
+    problem = "image: no camera model was given, nor came as CameraInfo and transforms"
+    assert said.out.splitlines().count(problem) == 1, said
+    assert f" × {problem}" in said.out
+    assert "no camera is known" in said.err
+
+
+def test_without_tf2_msgs_the_pose_goes_out_and_it_is_said_once(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "tf2_msgs.msg")
+    monkeypatch.delitem(sys.modules, "tf2_msgs")
+    link = opened()
+    estimate = Estimate(7, Pose(1.0, 2.0, 0.5), np.eye(3), Status.TRACKING)
+    for _ in range(3):
+        link.publish(Published(estimate, Pose(0.0, 0.0, 0.0), image=True))
+    told = {each.topic for each in ros.node("touchline").publishers if each.last is not None}
+    assert told == {"/touchline/pose", "/diagnostics"}
+    assert link.refused == {"a topic of tf2_msgs/msg/TFMessage, whose definition is not installed": 1}
+    link.close()
+
+
+# --- the commands -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", [["live", "ros", "--field", "msl-18x12"], ["play", "ros", str(EXAMPLE)]])
+@pytest.mark.parametrize(("missing", "words"), [("rclpy", "setup.bash"), ("rosbags", "touchline[bags]")])
+def test_where_a_library_is_missing_what_to_do_is_told(
+    ros: Ros,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: list[str],
+    missing: str,
+    words: str,
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == missing else find(name, *more))
+    assert main(command) == 2
+    assert words in "".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--namespace", "robot 1"], "letters, digits"),
+        (["--listen", "5000"], "--listen: is an option of udp"),
+        (["--topic", "colour=/odom"], "--topic colour: is not known"),
+        (["--topic", "odometry"], "expected ROLE=/NAME"),
+    ],
+)
+def test_options_that_do_not_go_with_it_are_told(
+    ros: Ros, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert main(["live", "ros", "--field", "msl-18x12", "--seconds", "0", *arguments]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_command_runs_as_a_node(ros: Ros, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["live", "ros", "--field", "msl-18x12", "--namespace", "robot1/", "--seconds", "0.1"]) == 0
+    said = capsys.readouterr()
+    assert "publishes /robot1/touchline/pose" in said.err
+    assert "0 of 0 images looked at" in said.out
+    assert ros.nodes == []
+
+
+def test_play_publishes_a_recording(ros: Ros, capsys: pytest.CaptureFixture[str]) -> None:
+    other = ros.create_node("other")
+    other.listen("/odom", ODOMETRY)
+    other.listen("/image/compressed", "sensor_msgs/msg/CompressedImage")
+    assert main(["play", "ros", str(EXAMPLE), "--speed", "100"]) == 0
+    other.spin()
+    assert [topic for topic, _ in other.received].count("/image/compressed") == 60
+    assert "60 images sent" in capsys.readouterr().out
+
+
+def test_a_link_that_hears_nothing_says_where_it_listens_and_fails(
+    ros: Ros, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "_SILENT_S", 0.2)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "95")
+    assert main(["live", "ros", "--field", "msl-18x12", "--seconds", "1"]) == 1
+    assert "no topic was found; ROS_DOMAIN_ID is 95" in capsys.readouterr().err
