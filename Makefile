@@ -29,12 +29,12 @@ loops: $(VENV)/installed
 tests: loops
 	$(PYTEST)
 
-# Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
+# Also the documentation's site, its tutorials word by word, and what needs a browser and the tuner; without Chromium
 # it says how to install one, and fails.
 test-all: test docs tutorials browser cluster season mutated fastdds processes
 
-browser: $(VENV)/extras
-	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
+browser: $(VENV)/installed
+	$(BIN)/pytest tests/browser_pages.py
 
 # Every message between our DDS and the one that ROS 2 speaks by default; without its library it says how to install it.
 fastdds: $(VENV)/installed
@@ -153,11 +153,6 @@ $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet --editable '.[dev]'
-	touch $@
-
-# The extra that is large: with it, `make test` tests more.
-$(VENV)/extras: $(VENV)/installed
-	$(BIN)/pip install --quiet --editable '.[view]'
 	touch $@
 
 clean:

@@ -369,7 +369,7 @@ def test_a_folder_of_bags_holds_many_recordings_and_that_of_a_split_bag_is_one(t
 @pytest.mark.parametrize(
     ("more", "wrong"),
     [
-        (["--start", "0,0,0", "--output", "x"], "--start, --view and --rrd are for one recording"),
+        (["--start", "0,0,0", "--output", "x"], "--start is for one recording"),
         ([], "--output is missing"),
         (["--output", "x", "--report", "some"], "--report some: expected one of all, failed, none"),
     ],
