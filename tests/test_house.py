@@ -512,9 +512,7 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
         if (names := list(untrusted(path.read_text(encoding="utf-8"))))
     }
     # a localizer of the user's own, named on the command line: no file says what is started
-    # and a page to mark images on, on the loopback alone
     assert found == {
-        "view/marking/server.py": ["http.server"],
         "evaluation/outside_program.py": ["subprocess"],
         "live/bridge.py": ["socket"],
         "live/udp.py": ["socket"],

@@ -16,7 +16,6 @@ from touchline.cli import (
     fields,
     live,
     locate,
-    mark,
     run,
     simulate,
     systems,
@@ -41,7 +40,6 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(evaluate.compare)
 app.command("check")(check.check)
 app.command("view")(view.view)
-app.command("mark")(mark.mark)
 app.command("simulate")(simulate.simulate)
 app.command("convert")(convert.convert)
 app.command("live")(live.live)
