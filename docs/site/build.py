@@ -1,8 +1,8 @@
 """Builds the documentation's site, offline: python docs/site/build.py [FOLDER], or `make docs`.
 
-The pages are those of docs/, as they stand; the README is the first page. The changelog is one more, and so is a table of
-all settings, made from the code. Links to files that are no pages lead to the repository. Every warning ends the build,
-and so does every link that leads nowhere.
+The pages are those of docs/, as they stand. The README is the first page. The changelog and a table of all settings,
+made from the code, are two more. Links to files that are no pages lead to the repository. Every warning ends the
+build, and so does every link that leads nowhere.
 """
 
 from __future__ import annotations
