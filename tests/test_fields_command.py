@@ -149,7 +149,7 @@ def test_an_existing_file_is_left_alone(tmp_path: Path) -> None:
         (["A=18", "a=19"], "a=19: the letter A is given twice"),
         (["Z=1"], "letter Z: is not one of the rulebook's"),
         (["C=15"], "letters C, B: the penalty area width of 15 m does not fit"),
-        (["--measured-to", "rim"], "--measured-to rim: expected edge or middle"),
+        (["--measured-to", "rim"], "Invalid value for '--measured-to'"),
         (["--base", "nowhere"], "nowhere: no such field"),
     ],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -13,7 +13,7 @@ from touchline.cli.calibrate_perspective import calibrate_camera, calibrate_imu
 from touchline.cli.calibrate_self import calibrate_self
 from touchline.cli.console import warn
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, print_lines, write_pair
-from touchline.cli.options import FollowLinks, SkipUnusable, check_handedness
+from touchline.cli.options import FollowLinks, SkipUnusable
 from touchline.errors import InputError
 from touchline.files.new import write_new_file
 
@@ -84,10 +84,8 @@ def calibrate_range(
     picture: NewPicture = None,
     skip_unusable: SkipUnusable = False,
     handedness: Annotated[
-        int | None,
-        typer.Option(
-            metavar="1|-1", help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."
-        ),
+        Literal["1", "-1"] | None,
+        typer.Option(help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."),
     ] = None,
     keep_center: Annotated[
         bool, typer.Option("--keep-center", help="Take the centre of camera.yaml though the marks can't tell it.")
@@ -95,9 +93,8 @@ def calibrate_range(
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
-    check_handedness(handedness)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
+    pairs = _pairs(source, camera, skip_unusable, int(handedness) if handedness else None, follow_links)
     from touchline.calibration.marks import first_image
     from touchline.calibration.range_regression import fit_range
     from touchline.calibration.strip_recording import camera_yaml

@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -86,7 +86,7 @@ def run(
     late: BagLate = 0.0,
     from_zero: FromZero = False,
     report: Annotated[
-        str, typer.Option(metavar="all|failed|none", help="Which runs get a report (failed: of many).")
+        Literal["all", "failed", "none"], typer.Option(help="Which runs get a report (failed: of many).")
     ] = "all",
     workers: Annotated[
         int | None,
@@ -118,8 +118,8 @@ def run(
         return run_all(recordings, output, command, workers, dask)
     if workers is not None or dask is not None:
         raise InputError("--workers and --dask are for many recordings")
-    if report not in ("all", "none"):
-        raise InputError(f"--report {report}: of one recording expected all or none")
+    if report == "failed":
+        raise InputError("--report failed: is for many recordings; expected all or none")
     recording = Path(recordings[0])
     from touchline.api import prepare
     from touchline.sources import open_source
