@@ -240,7 +240,7 @@ class Estimate:
         """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""
         return {
             "stamp_ns": int(self.stamp_ns),
-            "pose": _pose_tree(self.pose),
+            "pose": self.pose.to_dict(),
             "covariance": self.covariance.tolist(),
             "status": self.status.value,
             "reason": self.reason,
@@ -253,7 +253,7 @@ class Estimate:
             "end_probability": self.end_probability,
             "hypotheses": [
                 {
-                    "pose": _pose_tree(other.pose),
+                    "pose": other.pose.to_dict(),
                     "residual_m": _number_or_none(other.residual_m),
                     "probability": other.probability,
                     "covariance": None if other.covariance is None else other.covariance.tolist(),
@@ -286,10 +286,6 @@ class Estimate:
 ON_DEMAND = "hypotheses", "odometry"  # fields of an estimate that may be made `later`
 for _name in ON_DEMAND:
     setattr(Estimate, _name, _OnDemand(getattr(Estimate, _name)))
-
-
-def _pose_tree(pose: Pose) -> dict[str, float]:
-    return {"x_m": pose.x, "y_m": pose.y, "heading_rad": pose.heading}
 
 
 def _number_or_none(value: float) -> float | None:
