@@ -237,7 +237,8 @@ def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output:
 
     output = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
     if seen.look is not None:
-        save_picture(output, replace(_as_fitted(seen, answer), field_from_robot=found and found.pose).overlay())
+        pose = None if found is None else found.pose
+        save_picture(output, replace(_as_fitted(seen, answer), field_from_robot=pose).overlay())
     elif found is not None:
         save_picture(output, found.draw(field, answer.points))
     return output
