@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 import subprocess
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +24,6 @@ from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.field import open_field
-from touchline.view.marking import server
-from touchline.view.marking.clicks import Clicks, read_clicks
 
 COUNT = 200
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -167,64 +164,3 @@ def test_the_page_of_runs_side_by_side(width: int, tmp_path: Path, monkeypatch: 
     told = clicked_through(comparison_page(compare(runs)), tmp_path, width)
     check(told)
     assert told["charts"] == 4
-
-
-MARKING = """<script>
-const wait = ms => new Promise(done => setTimeout(done, ms));
-async function click(u, v) {
-  const place = new DOMPoint(u + 0.5, v + 0.5).matrixTransform(id("image").getScreenCTM());
-  const event = { bubbles: true, clientX: place.x, clientY: place.y, view: window };
-  id("image").dispatchEvent(new MouseEvent("mousemove", event));
-  id("image").dispatchEvent(new MouseEvent("click", event));
-  await wait(20);
-}
-const choose = name => document.querySelector(`[data-mode=${name}]`).click();
-(async () => {
-  await wait(500);
-  for (const [name, value] of [["x", "1"], ["y", "0.5"], ["dx", "0.25"]]) id(name).value = value;
-  await click(10, 20); await click(30, 40);
-  await click(50, 60); id("undo").click();
-  choose("lines"); await click(70, 20.5);
-  choose("regions");
-  for (const [u, v] of [[5, 5], [25, 5], [25, 25], [5, 5]]) await click(u, v);
-  id("zoom").value = 2; id("zoom").oninput(); await wait(50);
-  choose("lines"); await click(40.25, 41.5);
-  id("save").click(); await wait(500);
-  const told = { message: id("message").textContent, rows: id("list").children.length, faults };
-  told.overflow = document.documentElement.scrollWidth - innerWidth;
-  document.body.dataset.told = JSON.stringify(told);
-})();
-</script>"""
-
-
-@pytest.mark.parametrize("width", [1280, 500])
-def test_the_page_to_mark_images_on(width: int, tmp_path: Path) -> None:
-    source = Path(server.__file__).with_name("page.html").read_text(encoding="utf-8")
-    page = source.replace("<head>", "<head>" + BEFORE, 1).replace("</body>", MARKING + "</body>")
-    picture = cv2.imencode(".png", np.full((96, 96, 3), (40, 140, 40), np.uint8))[1].tobytes()
-    got: list[Clicks] = []
-
-    def save(text: bytes) -> list[str]:
-        got.append(read_clicks(text, ["a.png"]))
-        return ["marks.csv"]
-
-    made = server.MarkServer({"a.png": picture}, save, page=page)
-    thread = threading.Thread(target=made.serve)
-    thread.start()
-    try:
-        told = seen_in_browser(made.url, tmp_path, width)
-    finally:
-        if thread.is_alive():
-            made.stop()
-        thread.join()
-    assert told["faults"] == []
-    assert told["message"].startswith("saved: marks.csv")
-    assert told["rows"] == 5
-    assert told["overflow"] <= 0
-    (clicks,) = got
-    assert [(point.name, point.place_m) for point in clicks.points] == [("A", (1.0, 0.5)), ("B", (1.25, 0.5))]
-    pixels = [(point.u, point.v) for point in clicks.points] + [(u, v) for _, u, v in clicks.lines]
-    np.testing.assert_allclose(pixels[:3], [(10, 20), (30, 40), (70, 20.5)], atol=0.6)
-    np.testing.assert_allclose(pixels[3:], [(40.25, 41.5)], atol=0.2)  # at a larger scale
-    ((_, kind, corners),) = clicks.regions
-    assert (kind, len(corners)) == ("green", 3)

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 import tomllib
+from settings_page import settings_page, unit_of
 
 import touchline
 from touchline.systems import SYSTEMS
@@ -37,6 +38,18 @@ def test_every_page_is_in_the_menu_once(site: ModuleType, tmp_path: Path) -> Non
     assert len(menu) == len(set(menu))
     assert pages - {f"{name}.md" for name in SYSTEMS} <= set(menu) <= pages
     tomllib.loads((tmp_path / "docs" / "zensical.toml").read_text(encoding="utf-8"))
+
+
+def test_the_page_shows_no_setting_twice() -> None:
+    rows = [line for line in settings_page().splitlines() if line.startswith("| `")]
+    assert len(rows) == len(set(rows))
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"), [("c_m", "m"), ("a.drift_per_m", "1/m"), ("speed_m_s", "m/s"), ("lag_s", "s"), ("gate", "–")]
+)
+def test_units_are_read_from_names(key: str, unit: str) -> None:
+    assert unit_of(key) == unit
 
 
 def test_links_lead_to_pages_pictures_or_the_repository(site: ModuleType) -> None:

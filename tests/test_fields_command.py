@@ -149,7 +149,6 @@ def test_an_existing_file_is_left_alone(tmp_path: Path) -> None:
         (["A=18", "a=19"], "a=19: the letter A is given twice"),
         (["Z=1"], "letter Z: is not one of the rulebook's"),
         (["C=15"], "letters C, B: the penalty area width of 15 m does not fit"),
-        (["--measured-to", "rim"], "--measured-to rim: expected edge or middle"),
         (["--base", "nowhere"], "nowhere: no such field"),
     ],
 )
@@ -157,6 +156,12 @@ def test_bad_letters_are_refused_and_nothing_is_written(arguments: list[str], wo
     path = tmp_path / "my-field.yaml"
     assert refusal("new", "lab", *arguments, "--output", str(path)).startswith(words)
     assert not path.exists()
+
+
+def test_what_sizes_cannot_reach_to_is_refused_with_what_they_can() -> None:
+    result = CliRunner().invoke(app, ["fields", "new", "lab", "A=18", "--measured-to", "rim"])
+    assert result.exit_code == 2
+    assert "'edge', 'middle'" in result.output
 
 
 @pytest.mark.parametrize("columns", ["40", "60", "75", "80"])

@@ -18,9 +18,9 @@ import yaml
 
 from touchline.camera import open_camera
 from touchline.cli.commands import app
-from touchline.cli.settings_page import settable, settings_page, unit_of
 from touchline.config import settings_rows
 from touchline.field import open_field
+from touchline.localization.one_shot.locate import LocateSettings
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.systems.touchline import Touchline
@@ -273,36 +273,16 @@ def test_versions_agree() -> None:
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_page_of_settings_is_up_to_date() -> None:
-    page = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
-    on_it = [name for name in SYSTEMS if f"\n## {name}\n" in page]
-    assert page == settings_page(on_it), "run: touchline systems --markdown > docs/settings.md"
-
-
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_every_setting_stands_on_that_page_or_on_its_system_s(name: str) -> None:
-    pages = [path for path in (ROOT / "docs" / "settings.md", ROOT / "docs" / f"{name}.md") if path.exists()]
-    text = "".join(path.read_text(encoding="utf-8") for path in pages)
-    assert [key for key, _, _ in settings_rows(SYSTEMS[name].settings) if f"`{key}`" not in text] == []
+@pytest.mark.parametrize("settings", [*(info.settings for info in SYSTEMS.values()), LocateSettings])
+def test_every_setting_says_what_it_is(settings: Any) -> None:
+    assert [key for key, _, description in settings_rows(settings) if len(description.split()) < 4] == []
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_system_has_forty_settings_at_most(name: str) -> None:
     """Switches to the paper's form (`paper`) not counted: what nobody tunes is a constant beside its use."""
-    assert len(settable(SYSTEMS[name].settings)) <= 40
-
-
-def test_the_page_shows_no_setting_twice() -> None:
-    lines = settings_page().splitlines()
-    rows = [line for line in lines if line.startswith("| `")]
-    assert len(rows) == len(set(rows))
-
-
-@pytest.mark.parametrize(
-    ("key", "unit"), [("c_m", "m"), ("a.drift_per_m", "1/m"), ("speed_m_s", "m/s"), ("lag_s", "s"), ("gate", "–")]
-)
-def test_units_are_read_from_names(key: str, unit: str) -> None:
-    assert unit_of(key) == unit
+    keys = [key for key, _, _ in settings_rows(SYSTEMS[name].settings)]
+    assert sum("paper" not in key.split(".") for key in keys) <= 40
 
 
 # --- documents --------------------------------------------------------------------------------------------------------
@@ -442,14 +422,11 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
         for path in sorted(PACKAGE.rglob("*.py"))
         if (names := list(untrusted(path.read_text(encoding="utf-8"))))
     }
-    # a localizer of the user's own, named on the command line: no file says what is started
-    # and a page to mark images on, on the loopback alone; the viewer that is an extra, and its page, there, too
+    # a localizer of the user's own, named on the command line: no file says what is started; git, by a fixed command
     assert found == {
-        "view/marking/server.py": ["http.server"],
         "evaluation/outside_program.py": ["subprocess"],
+        "experiments/harness.py": ["subprocess"],
         "live/udp.py": ["socket"],
-        "view/viewer/page_server.py": ["http.client", "http.server"],
-        "view/viewer/screen.py": ["socket", "subprocess"],
     }
 
 

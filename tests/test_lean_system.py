@@ -10,14 +10,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import test_bounds
+import test_docs_site
 import test_house
 import test_notebook
 import test_paper_form
 import test_systems
 from pydantic import Field
+from settings_page import settings_page
 
 from touchline import locate
-from touchline.cli.settings_page import settings_page
 from touchline.config import Settings
 from touchline.errors import NoFitError
 from touchline.geometry import Pose
@@ -91,8 +92,7 @@ def test_its_settings_are_as_any_other_s() -> None:
     test_house.test_a_system_has_forty_settings_at_most("lean")
     test_bounds.test_every_whole_number_of_a_system_has_an_upper_bound("lean")
     test_paper_form.test_settings_come_back_as_they_were_written()
-    test_house.test_the_page_of_settings_is_up_to_date()
-    test_house.test_the_page_shows_no_setting_twice()
+    test_docs_site.test_the_page_shows_no_setting_twice()
     assert "## lean\n\nEvery image by itself.\n1 setting with the shared ones.\n" in settings_page()
 
 

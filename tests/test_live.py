@@ -183,7 +183,7 @@ def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
 
 
 def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
-    shown = _Shown(Localizer("msl-18x12"), None, "robot")
+    shown = _Shown()
     plain = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
     for seconds in (0.2, 0.4, 0.6):
         repeated = Problem(ProblemCode.IMAGES_REPEAT, f"the image has not changed for {seconds} s")

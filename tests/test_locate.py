@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -9,19 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 from line_scenes import view
+from rich.console import Console
 
 import touchline
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
+from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.one_shot.locate import (
     LocateSettings,
-    Location,
-    NotSignificantError,
-    PoorFitError,
     locate,
     locate_points,
 )
+from touchline.localization.one_shot.location import Location, NotSignificantError, PoorFitError
 from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.one_shot.thinning import sampled, thinned, thinned_to
@@ -96,6 +98,21 @@ def test_two_alike_places_are_rivals_of_each_other() -> None:
     found = sorted(pose.x for pose in (location.pose, *(rival.pose for rival in location.hypotheses)))
     assert found[0] == pytest.approx(-4.0, abs=0.5)
     assert found[-1] == pytest.approx(4.0, abs=0.5)
+
+
+def test_an_answer_is_a_tree_a_table_and_a_picture(located: Location) -> None:
+    tree = json.loads(json.dumps(located.to_dict()))
+    assert tree["pose"] == {"x_m": located.pose.x, "y_m": located.pose.y, "heading_rad": located.pose.heading}
+    assert len(tree["hypotheses"]) == len(located.hypotheses)
+    console = Console(file=io.StringIO(), width=100)
+    console.print(located)
+    table = console.file.getvalue()
+    assert f"{located.pose.x:.3f}" in table
+    assert "± of the pose" in table
+    picture = located.draw("msl-18x12", seen_from(TRUTH))
+    assert (picture.shape, picture.dtype) == (draw_field(FIELD).shape, np.uint8)
+    u, v = np.rint(field_view(FIELD).picture_from_field(located.pose[:2])).astype(int)
+    assert picture[v, u + 12].tolist() == [0, 0, 220]  # the robot's ring
 
 
 def test_repeated_points_count_once(located: Location) -> None:

@@ -17,7 +17,8 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.one_shot.advice import fit_scale
 from touchline.localization.one_shot.certainty import Spread, with_camera
-from touchline.localization.one_shot.locate import Location, locate_points
+from touchline.localization.one_shot.locate import locate_points
+from touchline.localization.one_shot.location import Location
 from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.types import points_at
 from touchline_lab.simulation.run import Simulation

@@ -19,7 +19,8 @@ from touchline.cli import main
 from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.one_shot.locate import Location, locate
+from touchline.localization.one_shot.locate import locate
+from touchline.localization.one_shot.location import Location
 from touchline.localization.registration.covariance import widest_m
 from touchline.types import LinePoints, Lines, Observation, points_at
 from touchline_lab.simulation.cameras.perspective import humanoid_camera

@@ -13,7 +13,8 @@ from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.field.model import field_to_text
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.one_shot.locate import Location, NotSignificantError, PoorFitError, locate_points
+from touchline.localization.one_shot.locate import locate_points
+from touchline.localization.one_shot.location import Location, NotSignificantError, PoorFitError
 
 # file, field with the lines as documented, field with the paint's true centre lines, documented pose, mean distance (m)
 MEASUREMENTS = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import signal
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -128,13 +127,3 @@ def test_the_release_tries_the_wheel_on_every_kind_of_machine_before_it_is_publi
     made = re.findall(r"make (\w+)", " ".join(step.get("run", "") for job in jobs.values() for step in job["steps"]))
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert set(made) <= set(targets)
-
-
-def test_a_command_runs_where_signals_are_missing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Windows has no timer that sends one."""
-    monkeypatch.delattr(signal, "SIGALRM")
-    monkeypatch.delattr(signal, "setitimer")
-    assert main(["--version"]) == 0
-    assert "touchline" in capsys.readouterr().out

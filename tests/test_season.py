@@ -369,9 +369,9 @@ def test_a_folder_of_bags_holds_many_recordings_and_that_of_a_split_bag_is_one(t
 @pytest.mark.parametrize(
     ("more", "wrong"),
     [
-        (["--start", "0,0,0", "--output", "x"], "--start, --view and --rrd are for one recording"),
+        (["--start", "0,0,0", "--output", "x"], "--start is for one recording"),
         ([], "--output is missing"),
-        (["--output", "x", "--report", "some"], "--report some: expected one of all, failed, none"),
+        (["--output", "x", "--report", "some"], "'some' is not one of 'all', 'failed', 'none'"),
     ],
 )
 def test_wrong_calls(season: Path, more: list[str], wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -386,8 +386,8 @@ def test_one_recording_has_no_report_if_none_is_wanted_and_no_workers(
     for more in (["--workers", "2"], ["--dask", "tcp://127.0.0.1:1"]):
         assert main([*one, *more]) == 2
         assert "are for many recordings" in capsys.readouterr().err
-    assert main([*one, "--report", "some"]) == 2
-    assert "--report some: of one recording expected all or none" in capsys.readouterr().err
+    assert main([*one, "--report", "failed"]) == 2
+    assert "--report failed: is for many recordings" in capsys.readouterr().err
     assert main([*one, "--report", "none"]) == 0
     assert f"results: {tmp_path / 'out'}" in capsys.readouterr().out
     assert not (tmp_path / "out" / "report.html").exists()

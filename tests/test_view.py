@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
 from pathlib import Path
 
 import cv2
@@ -168,3 +170,12 @@ def test_the_humanoids_birds_eye_view_shows_what_is_ahead(shared_data: Path) -> 
     green = (picture[..., 1] > picture[..., 2] + 20) & (picture[..., 1] > picture[..., 0] + 20)
     assert green[middle - 320 : middle - 128, middle - 60 : middle + 60].mean() > 0.7, "2 to 5 m ahead"
     assert not green[middle:].any(), "nothing behind"
+
+
+def test_the_example_for_rerun_says_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    main = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "rerun_view.py"))["main"]
+    assert main(["runs/match-1"]) == 2
+    assert capsys.readouterr().err == "error: Rerun is not installed: pip install rerun-sdk\n"

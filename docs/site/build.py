@@ -1,7 +1,8 @@
 """Builds the documentation's site, offline: python docs/site/build.py [FOLDER], or `make docs`.
 
-The pages are those of docs/, as they stand; the README is the first page and the changelog one more. Links to files
-that are no pages lead to the repository. Every warning ends the build, and so does every link that leads nowhere.
+The pages are those of docs/, as they stand. The README is the first page. The changelog and a table of all settings,
+made from the code, are two more. Links to files that are no pages lead to the repository. Every warning ends the
+build, and so does every link that leads nowhere.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
+
+from settings_page import settings_page
 
 ROOT = Path(__file__).parents[2]
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "docs/site/reference.md": "reference.md"}
@@ -52,6 +55,7 @@ def stage(folder: Path) -> None:
     for source, name in names.items():
         text = (ROOT / source).read_text(encoding="utf-8")
         (docs / name).write_text(with_site_links(text, source, names), encoding="utf-8")
+    (docs / "settings.md").write_text(settings_page(), encoding="utf-8")
 
 
 def with_site_links(text: str, source: str, names: dict[str, str]) -> str:

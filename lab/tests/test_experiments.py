@@ -219,19 +219,11 @@ def test_seeds_of_faults_from_another_first_one_are_other_robots() -> None:
     assert later.isdisjoint(task[3] for task in faults.tasks(5))
 
 
-def test_the_commit_is_found_where_references_are_packed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commit_is_git_s_and_empty_without_a_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if (Path(__file__).parents[1] / ".git").exists():
+        assert re.fullmatch("[0-9a-f]{12}", harness.commit())
     monkeypatch.setattr(harness, "__file__", str(tmp_path / "src" / "touchline" / "experiments" / "harness.py"))
     assert harness.commit() == ""
-    (tmp_path / ".git" / "refs" / "heads").mkdir(parents=True)
-    (tmp_path / ".git" / "HEAD").write_text("ref: refs/heads/main\n")
-    (tmp_path / ".git" / "packed-refs").write_text(
-        f"# pack-refs\n{'b' * 40} refs/heads/domain\n{'a' * 40} refs/heads/main\n"
-    )
-    assert harness.commit() == "a" * 12
-    (tmp_path / ".git" / "refs" / "heads" / "main").write_text("c" * 40)
-    assert harness.commit() == "c" * 12
-    (tmp_path / ".git" / "HEAD").write_text("d" * 40)
-    assert harness.commit() == "d" * 12
 
 
 def test_a_mistyped_experiment_is_answered_with_the_nearest() -> None:

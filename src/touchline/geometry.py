@@ -70,6 +70,10 @@ class Pose(NamedTuple):
     y: float
     heading: float
 
+    def to_dict(self) -> dict[str, float]:
+        """For JSON: x_m, y_m, heading_rad."""
+        return {"x_m": self.x, "y_m": self.y, "heading_rad": self.heading}
+
     def compose(self, other: Pose) -> Pose:
         """`a_from_b.compose(b_from_c)` is `a_from_c`."""
         c, s = math.cos(self.heading), math.sin(self.heading)

@@ -23,7 +23,6 @@ from touchline.camera import Camera, open_camera
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
-from touchline.field.svg import field_svg
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
 from touchline.localization.estimator.game_states import game_prior
@@ -47,7 +46,6 @@ from touchline.types import (
     Status,
     points_at,
 )
-from touchline.types.drawing import estimate_html, estimate_marks
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MAX_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
@@ -134,8 +132,8 @@ class Localizer:
         """The field with the last estimate on it."""
         last = self._last
         if last is None:
-            return f"<p>{html.escape(repr(self))}</p>{field_svg(self.field)}"
-        return estimate_html(last, field_svg(self.field, marks=estimate_marks(last)))
+            return f"<p>{html.escape(repr(self))}</p>{self.field.svg()}"
+        return last.html(self.field.svg(marks=last.svg_marks()))
 
     def add_odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
         """Dead reckoning: the pose in the odometry frame (m, m, rad)."""

@@ -10,9 +10,3 @@ def bgr(color: str) -> tuple[int, int, int]:
     """A colour #rrggbb as OpenCV draws with it."""
     red, green, blue = (int(color[place : place + 2], 16) for place in (1, 3, 5))
     return blue, green, red
-
-
-def rgb(color: str) -> tuple[int, int, int]:
-    """A colour #rrggbb as red, green and blue."""
-    blue, green, red = bgr(color)
-    return red, green, blue

@@ -6,13 +6,10 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from types import FrameType
+from collections.abc import Sequence
+from contextlib import suppress
 
 INTERRUPTED = 130  # what a shell expects after Ctrl-C
-_IMPORT = "<frozen importlib"  # begins the file name of the frames in which modules are imported
-_AGAIN_S = 0.02
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,19 +21,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # the command itself
         gc.set_threshold(100_000)  # what imports make stays, and looking through it takes 0.1 s on the way
         atexit.register(gc.freeze)  # and as long at the end
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a command as Ctrl-C does
     os.environ["MPLBACKEND"] = "agg"  # figures are written, not shown; Matplotlib refuses names that it does not know
     # matrices and images are small: more threads would wait for each other
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
     os.environ.setdefault("NUMBA_OPT", "1")  # compiled a tenth sooner than at 3, as fast, the same bits
-    with _interruptions() as interrupted:
-        try:
-            return _run(list(sys.argv[1:] if arguments is None else arguments) or ["--help"], interrupted)
-        except KeyboardInterrupt:
-            return _complain("interrupted", INTERRUPTED)
+    try:
+        return _run(list(sys.argv[1:] if arguments is None else arguments) or ["--help"])
+    except KeyboardInterrupt:  # before Typer takes over
+        return _complain("interrupted", INTERRUPTED)
 
 
-def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
+def _run(given: list[str]) -> int:
     import typer
 
     from touchline.cli.commands import CLICK_EXCEPTION, app
@@ -69,8 +66,6 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
-        if interrupted():  # a library made something else of it
-            return _complain("interrupted", INTERRUPTED)
         from touchline.messages import unexpected
 
         return _complain(f"unexpected {unexpected(error)} (touchline --debug {' '.join(given)} shows the traceback)", 1)
@@ -87,72 +82,6 @@ def _open_output() -> None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
         elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
-
-
-@contextmanager
-def _interruptions() -> Iterator[Callable[[], bool]]:
-    """Lets Ctrl-C and SIGTERM raise KeyboardInterrupt, and end the process while a command's imports go on.
-
-    An exception in the middle of an import, or of a call back from LLVM, may be swallowed or shown with its traceback:
-    there it waits. Yields whether there was one. A signal that is ignored stays so.
-    """
-    asked = False
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
-        if _starts_up(frame):
-            with suppress(OSError, ValueError, RuntimeError):
-                sys.stdout.flush()
-            with suppress(OSError):
-                os.write(2, b"error: interrupted\n")
-            os._exit(INTERRUPTED)
-        if hasattr(signal, "setitimer") and any(_may_swallow(one) for one in _stack(frame)):  # Windows has none
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
-            return
-        raise KeyboardInterrupt
-
-    before = {}
-    with suppress(ValueError):  # in another thread than the main one
-        for kind in _signals():
-            if signal.getsignal(kind) is not signal.SIG_IGN:
-                before[kind] = signal.signal(kind, stop)
-    try:
-        yield lambda: asked
-    finally:
-        if asked and hasattr(signal, "setitimer"):
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
-
-
-def _signals() -> list[int]:
-    """What may end a command: Ctrl-C, a kind word, and the timer that asks again where there is one."""
-    names = ("SIGINT", "SIGTERM", "SIGALRM")
-    return [int(getattr(signal, name)) for name in names if hasattr(signal, name)]
-
-
-def _starts_up(frame: FrameType | None) -> bool:
-    """Whether an import goes on that no function of the library has begun, which may have something to clear up."""
-    importing = False
-    for one in _stack(frame):
-        name = str(one.f_globals.get("__name__", ""))
-        importing = importing or one.f_code.co_filename.startswith(_IMPORT)
-        works = name.startswith("touchline.") and not name.startswith("touchline.cli")
-        if importing and works and one.f_code.co_name != "<module>":
-            return False
-    return importing
-
-
-def _may_swallow(frame: FrameType) -> bool:
-    return frame.f_code.co_filename.startswith(_IMPORT) or str(frame.f_globals.get("__name__")).startswith("llvmlite")
-
-
-def _stack(frame: FrameType | None) -> Iterator[FrameType]:
-    """The frames of a call, from the innermost outwards."""
-    while frame is not None:
-        yield frame
-        frame = frame.f_back
 
 
 def _drop_output() -> None:

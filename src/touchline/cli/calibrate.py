@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,7 +19,7 @@ from touchline.cli.new_pair import (
     print_lines,
     write_calibrated,
 )
-from touchline.cli.options import FollowLinks, SkipUnusable, check_handedness
+from touchline.cli.options import FollowLinks, SkipUnusable
 from touchline.errors import InputError
 
 calibrate_app = typer.Typer(
@@ -70,10 +70,8 @@ def calibrate_range(
     picture: NewPicture = None,
     skip_unusable: SkipUnusable = False,
     handedness: Annotated[
-        int | None,
-        typer.Option(
-            metavar="1|-1", help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."
-        ),
+        Literal["1", "-1"] | None,
+        typer.Option(help="1: the image shows the field as a map does; -1: mirrored. For marks that can't tell."),
     ] = None,
     keep_center: Annotated[
         bool, typer.Option("--keep-center", help="Take the centre of camera.yaml though the marks can't tell it.")
@@ -81,10 +79,10 @@ def calibrate_range(
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
-    check_handedness(handedness)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     found = calibration_of_a_paper("range")(
-        source, camera=camera, degree=degree, skip_unusable=skip_unusable, handedness=handedness,
+        source, camera=camera, degree=degree, skip_unusable=skip_unusable,
+        handedness=int(handedness) if handedness else None,
         keep_center=keep_center, follow_links=follow_links,
     )  # fmt: skip
     write_calibrated(found, output, picture)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from touchline.cli.console import shown_progress, warn
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
-from touchline.cli.options import check_handedness, turn_in_rad
+from touchline.cli.options import turn_in_rad
 from touchline.errors import InputError, NoFitError
 from touchline.messages import counted
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from touchline.geometry import FloatArray
     from touchline.types import ImageArray
 
-MODELS = "omni", "pinhole", "fisheye"
 # standard deviations, and of a line's width: from there on it is said that all lines lie aside
 _SURELY, _EDGE = 3.0, 0.25
 _SWAYING_RAD = 0.005  # deviation of the body's mean lean from which on it is said that it sways
@@ -44,9 +43,10 @@ def calibrate_lines(
     field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")],
     output: NewFile,
     model: Annotated[
-        str, typer.Option(metavar="omni|pinhole|fisheye", help="Kind of camera: with a mirror, or with a lens alone.")
+        Literal["omni", "pinhole", "fisheye"],
+        typer.Option(help="Kind of camera: with a mirror, or with a lens alone."),
     ] = "omni",
-    handedness: Annotated[int | None, typer.Option(metavar="1|-1", help=_HANDEDNESS)] = None,
+    handedness: Annotated[Literal["1", "-1"] | None, typer.Option(help=_HANDEDNESS)] = None,
     mount_yaw: Annotated[
         float,
         typer.Option(metavar="RAD", help="mount_yaw of a mirror's camera.yaml: lines can't tell where the front is."),
@@ -61,9 +61,6 @@ def calibrate_lines(
     A mirror may need one image alone.
     A perspective camera needs --model pinhole or fisheye and eight or more images, and may take minutes.
     """
-    if model not in MODELS:
-        raise InputError(f"--model {model}: is unknown; known: {', '.join(MODELS)}")
-    check_handedness(handedness)
     mount_yaw = turn_in_rad(mount_yaw, "--mount-yaw")
     _refuse_folders(inputs)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
@@ -79,7 +76,9 @@ def calibrate_lines(
         if model != "omni":
             text, words, drawn = _with_lens(inputs, on_field, model, any(from_points))
         else:
-            text, words, drawn = _with_mirror(inputs, on_field, handedness, mount_yaw, size)
+            text, words, drawn = _with_mirror(
+                inputs, on_field, int(handedness) if handedness else None, mount_yaw, size
+            )
     except NoFitError as error:
         raise NoFitError(f"{inputs[0]}{' ...' if len(inputs) > 1 else ''}: not calibrated: {error}") from None
     write_pair(output, text, picture, drawn, words)

@@ -15,7 +15,6 @@ from touchline.cli import (
     fields,
     live,
     locate,
-    mark,
     run,
     systems,
     view,
@@ -23,7 +22,6 @@ from touchline.cli import (
 from touchline.cli.compile import compile_loops
 from touchline.cli.console import DEBUG_VARIABLE, warn
 from touchline.cli.plugin_commands import CommandGroup
-from touchline.cli.viewer import ViewCommand
 from touchline.packed_loops import take_packed_loops
 
 app = typer.Typer(
@@ -35,15 +33,14 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("demo")(run.demo)
-app.command("run", cls=ViewCommand)(run.run)
+app.command("run")(run.run)
 app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(evaluate.compare)
 app.command("check")(check.check)
-app.command("view", cls=ViewCommand)(view.view)
-app.command("mark")(mark.mark)
+app.command("view")(view.view)
 app.command("convert")(convert.convert)
-app.command("live", cls=ViewCommand)(live.live)
+app.command("live")(live.live)
 app.command("play")(live.play)
 app.command("systems")(systems.systems)
 app.command("compile")(compile_loops)

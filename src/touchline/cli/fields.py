@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.table import Table
@@ -94,7 +94,7 @@ def new(
     ] = None,
     base: Annotated[str, typer.Option(help="The field that the other sizes are taken from.")] = "msl-22x14",
     measured_to: Annotated[
-        str, typer.Option(metavar="edge|middle", help="What the sizes reach to: the lines' outer edge or middle.")
+        Literal["edge", "middle"], typer.Option(help="What the sizes reach to: the lines' outer edge or middle.")
     ] = "edge",
     goal_width: Annotated[
         float | None,
@@ -110,11 +110,9 @@ def new(
     sizes = _parse_letters(letters or [])
     if name != file_name(name):
         raise InputError(f"{name}: is no name of a field; a name as msl-18x12, and --output says where the file goes")
-    if measured_to not in ("edge", "middle"):
-        raise InputError(f"--measured-to {measured_to}: expected edge or middle")
     from touchline.field import field_from_letters, open_field, preset_names
 
-    field = field_from_letters(name, sizes, base, "middle" if measured_to == "middle" else "edge", goal_width)
+    field = field_from_letters(name, sizes, base, measured_to, goal_width)
     path = output if output is not None else Path(f"{name}.yaml")
     check_new_file(path, (".yaml", ".yml"), "a field")
     field.to_yaml(path)

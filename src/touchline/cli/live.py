@@ -24,7 +24,6 @@ from touchline.cli.options import (
     bag_options,
     turn_in_rad,
 )
-from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError, TouchlineError
 from touchline.messages import counted, without_numbers
 
@@ -36,8 +35,7 @@ if TYPE_CHECKING:
     from touchline.live.udp import UdpRobot
     from touchline.localizer import Localizer
     from touchline.sources import Recording
-    from touchline.types import Estimate, Problem, System
-    from touchline.view.viewer import LatestShown, Screen
+    from touchline.types import Problem
 
 PORT = 28400
 
@@ -144,8 +142,6 @@ def live(
         Path | None,
         typer.Option(metavar="FILE", help="Keep there once a second what is known; go on from there at the start."),
     ] = None,
-    view: ShowIn = None,
-    rrd: KeepIn = None,
 ) -> None:
     """Localise a running robot: images and sensors come, poses go, by UDP or ROS 2. Ctrl-C ends it."""
     from touchline.api import checked_prior
@@ -187,11 +183,10 @@ def live(
     ends_s = None if seconds is None else time.monotonic() + seconds
     with (
         closing(opened),
-        shown_in(view, rrd, stays=False) as screen,
-        closing(_Shown(localizer, screen, name)) as shown,
         announce_compiling(console.print),
         interruptible() as stop,
     ):
+        shown = _Shown()
         on_published = shown.take if state is None else _kept_in(state, localizer, shown.take)
         loop = LiveLoop(opened, localizer, on_published, team_evidence, mates or ())
         silence = _Silence(loop, opened, console.print)
@@ -380,24 +375,15 @@ class _Silence:
 
 
 class _Shown:
-    """A line on the terminal now and then, and every image on a screen."""
+    """A line on the terminal now and then."""
 
-    def __init__(self, localizer: Localizer, screen: Screen | None, name: str) -> None:
+    def __init__(self) -> None:
         self._last_s = 0.0
         self._shown_s: dict[str, float] = {}
-        self._localizer, self._screen, self._name = localizer, screen, name
-        self._view: LatestShown | None = None
-        self._system: System | None = None  # that the view is of: a camera may be described later
-
-    def close(self) -> None:
-        """Show what waits on the screen."""
-        if self._view is not None:
-            self._view.close()
 
     def take(self, published: Published) -> None:
         """One estimate of an image."""
         estimate, now_s = published.estimate, time.monotonic()
-        self._show(estimate)
         for problem in estimate.problems:
             alike = without_numbers(problem.sentence)
             if now_s - self._shown_s.get(alike, -math.inf) > _REPEAT_S:
@@ -411,21 +397,6 @@ class _Shown:
             f"{estimate.status_text()}: x {x:.2f} m, y {y:.2f} m, {math.degrees(heading):.0f}°, "
             f"{1e3 * published.after_s:.1f} ms after the image came, {published.dropped} dropped"
         )
-
-    def _show(self, estimate: Estimate) -> None:
-        localizer = self._localizer
-        if self._screen is None or localizer.frame is None:
-            return
-        if self._system is not localizer.system:
-            from touchline.view.viewer import LatestShown, watch_robot
-
-            self.close()
-            self._system = localizer.system
-            stream = self._screen.stream
-            view = watch_robot(stream, localizer.field, localizer.camera, localizer.system, self._name)
-            self._view = LatestShown(view.show)
-        if self._view is not None:
-            self._view.take(localizer.frame, estimate)
 
 
 def _tell_end(loop: LiveLoop, problems: dict[Problem, int], refused: dict[str, int], around: str | None) -> None:

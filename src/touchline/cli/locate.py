@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from rich.table import Table
 
-from touchline.cli.console import announce_compiling, errors_console, plain_table, say
+from touchline.cli.console import announce_compiling, errors_console, say
 from touchline.cli.console import output as output_console
 from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.files.new import PICTURE_ENDINGS
@@ -22,10 +21,9 @@ from touchline.files.new import PICTURE_ENDINGS
 if TYPE_CHECKING:
     from touchline.camera import Camera
     from touchline.field import FieldModel
-    from touchline.geometry import FloatArray, Pose
+    from touchline.geometry import FloatArray
     from touchline.localization.one_shot.advice import Better, Scale
-    from touchline.localization.one_shot.locate import Location
-    from touchline.types import ImageArray
+    from touchline.localization.one_shot.location import Location
     from touchline.view.look import Look
 
 _ASSUMED_FIELD = "msl-18x12"
@@ -184,7 +182,8 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
 def _answer(source: Path, seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
     from touchline.camera import PerspectiveCamera
     from touchline.localization.one_shot.advice import better_field, better_fits, fit_scale
-    from touchline.localization.one_shot.locate import PoorFitError, locate, locate_points
+    from touchline.localization.one_shot.locate import locate, locate_points
+    from touchline.localization.one_shot.location import PoorFitError
 
     points, scale = seen.points, None
     found: Location | NoFitError
@@ -230,17 +229,18 @@ def _as_fitted(seen: _Seen, answer: _Answer) -> Look:
 
 def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output: Path | None) -> Path | None:
     """The picture that was drawn: that of an image in any case, that of points if it was asked for."""
-    pose = None if isinstance(answer.found, NoFitError) else answer.found.pose
-    if seen.look is None and (output is None or pose is None):
+    found = None if isinstance(answer.found, NoFitError) else answer.found
+    if seen.look is None and (output is None or found is None):
         return None
     from touchline.evaluation.run_folder import new_folder
     from touchline.view.picture_files import save_picture
 
     output = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
     if seen.look is not None:
+        pose = None if found is None else found.pose
         save_picture(output, replace(_as_fitted(seen, answer), field_from_robot=pose).overlay())
-    elif pose is not None:
-        save_picture(output, _field_picture(field, pose, answer.points))
+    elif found is not None:
+        save_picture(output, found.draw(field, answer.points))
     return output
 
 
@@ -251,10 +251,8 @@ def _print_table(source: Path, field: FieldModel, assumed: bool, location: Locat
         say(f"all ranges were multiplied by {factor:.4f} ± {deviation:.4f} (--fit-scale)")
     if assumed:
         say(f"the field {field.name} is assumed; --field NAME or FILE tells another{_beside(source)}", style="dim")
-    output_console().print(_table(location))
-    if not location.hypotheses:
-        say("no other pose explains the points as well", style="dim")
-    say(*(f"in doubt: {doubt}" for doubt in location.doubts), *map(_better_words, answer.better), style="yellow")
+    output_console().print(location)
+    say(*map(_better_words, answer.better), style="yellow")
 
 
 def _better_words(better: Better) -> str:
@@ -272,47 +270,19 @@ def _summary(source: Path, field: FieldModel, location: Location) -> str:
     )
 
 
-def _table(location: Location) -> Table:
-    """The pose and the other hypotheses, m and degrees, with standard deviations of the pose."""
-    import numpy as np
-
-    table = plain_table("", "x (m)", "y (m)", "heading (rad)", "heading (°)", "mean distance (cm)")
-    rows = [("pose", location.pose, location.mean_distance_m)]
-    rows += [(f"hypothesis {k}", other.pose, other.residual_m) for k, other in enumerate(location.hypotheses, start=1)]
-    for name, pose, distance_m in rows:
-        degrees = float(np.degrees(pose.heading))
-        numbers = (f"{pose.x:.3f}", f"{pose.y:.3f}", f"{pose.heading:.4f}", f"{degrees:.2f}", f"{100 * distance_m:.1f}")
-        table.add_row(name, *numbers)
-    x, y, turn = np.sqrt(np.diag(location.covariance))
-    table.add_row("± of the pose", f"{x:.3f}", f"{y:.3f}", f"{turn:.4f}", f"{np.degrees(turn):.2f}", "", style="dim")
-    return table
-
-
 def _print_json(answer: _Answer, field: FieldModel, assumed: bool, picture: Path | None) -> None:
     import json
 
-    from touchline.localization.one_shot.locate import PoorFitError
+    from touchline.localization.one_shot.location import PoorFitError
 
     found, tree = answer.found, dict[str, Any]()
     if isinstance(found, NoFitError):
         tree = {"pose": None, "refused": str(found)}
         if isinstance(found, PoorFitError):
-            tree["best_refused"] = {**_pose_tree(found.best.pose), "mean_distance_m": found.best.residual_m}
+            tree["best_refused"] = {**found.best.pose.to_dict(), "mean_distance_m": found.best.residual_m}
             tree["deviations_better_than_chance"] = found.chance.significance
     else:
-        tree = {
-            "pose": _pose_tree(found.pose),
-            "covariance": found.covariance.tolist(),
-            "mean_distance_m": found.mean_distance_m,
-            "median_distance_m": found.median_distance_m,
-            "error": found.error,
-            "points": found.points,
-            "deviations_better_than_chance": found.chance.significance,
-            "hypotheses": [
-                {**_pose_tree(other.pose), "mean_distance_m": other.residual_m} for other in found.hypotheses
-            ],
-            "doubts": list(found.doubts),
-        }
+        tree = found.to_dict()
     if answer.scale is not None:
         tree["scale"] = answer.scale._asdict()
     tree["better"] = [
@@ -324,27 +294,3 @@ def _print_json(answer: _Answer, field: FieldModel, assumed: bool, picture: Path
     if picture is not None:
         tree["picture"] = str(picture)
     typer.echo(json.dumps(tree, indent=2))
-
-
-def _pose_tree(pose: Pose) -> dict[str, float]:
-    return {"x_m": pose.x, "y_m": pose.y, "heading_rad": pose.heading}
-
-
-def _field_picture(field: FieldModel, pose: Pose, points: FloatArray) -> ImageArray:
-    """The field from above with the points (N, 2), robot frame, where the pose puts them, and the robot."""
-    import cv2
-    import numpy as np
-
-    from touchline.field.drawing import draw_field, field_view
-    from touchline.localization.one_shot.thinning import different
-
-    canvas = draw_field(field)
-    view = field_view(field)
-    pixels = np.rint(view.picture_from_field(pose.transform(points)))
-    for u, v in pixels[different(pixels)].astype(int):
-        cv2.circle(canvas, (int(u), int(v)), 3, (255, 120, 0), -1, cv2.LINE_AA)
-    ends = np.rint(view.picture_from_field(pose.transform(np.array([[0.0, 0.0], [0.6, 0.0]])))).astype(int)
-    robot, ahead = ((int(u), int(v)) for u, v in ends)
-    cv2.circle(canvas, robot, 12, (0, 0, 220), 3, cv2.LINE_AA)
-    cv2.arrowedLine(canvas, robot, ahead, (0, 0, 220), 3, cv2.LINE_AA)
-    return canvas

@@ -77,12 +77,6 @@ def bag_options(
     return BagOptions({role: name for role, _, name in named}, field, camera, base, late_ms, from_zero)
 
 
-def check_handedness(given: int | None) -> None:
-    """Raises InputError for what is none."""
-    if given not in (None, 1, -1):
-        raise InputError(f"--handedness: 1 or -1 is expected, found {given}")
-
-
 def turn_in_rad(angle: float, option: str) -> float:
     """The angle. Raises InputError for more than a full turn: degrees, then, or for what is no number."""
     if not abs(angle) <= 2.0 * math.pi:

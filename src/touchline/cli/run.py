@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -30,7 +30,6 @@ from touchline.cli.options import (
     Topics,
     bag_options,
 )
-from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
 from touchline.messages import counted, unexpected
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
     from touchline.field import FieldModel
     from touchline.geometry import Pose
     from touchline.sources import Recording
-    from touchline.view.viewer import Screen
 
 EXAMPLE = "omni_msl_track_short"
 _UNMOVED = (
@@ -87,10 +85,8 @@ def run(
     base: BagBase = None,
     late: BagLate = 0.0,
     from_zero: FromZero = False,
-    view: ShowIn = None,
-    rrd: KeepIn = None,
     report: Annotated[
-        str, typer.Option(metavar="all|failed|none", help="Which runs get a report (failed: of many).")
+        Literal["all", "failed", "none"], typer.Option(help="Which runs get a report (failed: of many).")
     ] = "all",
     workers: Annotated[
         int | None,
@@ -108,8 +104,8 @@ def run(
 
     bag = bag_options(topics, field, camera, base, late, from_zero)
     if is_season(recordings, output):
-        if start is not None or view is not None or rrd is not None:
-            raise InputError("--start, --view and --rrd are for one recording on this machine")
+        if start is not None:
+            raise InputError("--start is for one recording")
         if output is None:
             raise InputError("--output is missing: the folder for the runs of many recordings")
         from touchline.cli.season import run_all
@@ -122,8 +118,8 @@ def run(
         return run_all(recordings, output, command, workers, dask)
     if workers is not None or dask is not None:
         raise InputError("--workers and --dask are for many recordings")
-    if report not in ("all", "none"):
-        raise InputError(f"--report {report}: of one recording expected all or none")
+    if report == "failed":
+        raise InputError("--report failed: is for many recordings; expected all or none")
     recording = Path(recordings[0])
     from touchline.api import prepare
     from touchline.sources import open_source
@@ -135,18 +131,7 @@ def run(
     system_info(name)  # an unknown name is told before the recording is read
     source = open_source(recording, follow_links, bag)
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
-    with shown_in(view, rrd) as screen:
-        folder = None if output is None else Path(output)
-        execute(prepared, folder, on_frame=on_screen(screen, prepared), with_report=report == "all")
-
-
-def on_screen(screen: Screen | None, prepared: PreparedRun) -> Sequence[OnFrame]:
-    """What every frame of a run and its estimate are handed to, so that a screen shows them."""
-    if screen is None:
-        return ()
-    from touchline.view.viewer import watch
-
-    return (watch(screen.stream, prepared.source, prepared.system, prepared.info.name).show,)
+    execute(prepared, None if output is None else Path(output), with_report=report == "all")
 
 
 def demo(
@@ -199,20 +184,16 @@ def execute(
     prepared: PreparedRun,
     output: Path | None,
     name: str | None = None,
-    on_frame: Sequence[OnFrame] = (),
     with_report: bool = True,
 ) -> None:
-    """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished.
-
-    on_frame: called with every frame and its estimate.
-    """
+    """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished."""
     from touchline.evaluation.run_folder import new_folder
 
     warn_of(prepared)
     folder = new_folder(output, name or prepared.source.name)
     with frame_progress(prepared.source) as (advance, stop):
         wanted = (lambda summary: True) if with_report else None
-        finished, failure = prepared.execute(folder, on_frame=[advance, *on_frame], stop=stop, report=wanted)
+        finished, failure = prepared.execute(folder, on_frame=[advance], stop=stop, report=wanted)
     print_run(finished, prepared.source.field)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):

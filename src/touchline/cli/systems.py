@@ -1,29 +1,18 @@
 """`touchline systems`: what can be run, and with which settings."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from touchline.cli.console import output, plain_table, say
-from touchline.errors import InputError
 
 _WIDE, _WIDTH_OF_MEANINGS = 400, 20  # characters
 
 
 def systems(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Show this system's settings.")] = None,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print every setting of all systems as the page docs/settings.md.")
-    ] = False,
 ) -> None:
     """List the systems, or one system's settings with their defaults."""
-    if markdown:
-        if name is not None:
-            raise InputError(f"--markdown prints all systems on one page: leave out {name}")
-        from touchline.cli.settings_page import settings_page
-
-        typer.echo(settings_page(), nl=False)
-        return
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
 
     if name is None:
@@ -34,7 +23,6 @@ def systems(
         output().print(table, soft_wrap=False)
         say("touchline systems NAME: the settings of one; touchline run --system NAME runs it", style="dim")
         return
-    from touchline.cli.settings_page import shown_value
     from touchline.config import settings_rows
 
     info = system_info(name)
@@ -47,3 +35,10 @@ def systems(
     console.width = max(console.width, least)  # a setting's name is for typing: rather let the terminal break a line
     console.print(table, soft_wrap=False)
     say("touchline run --set KEY=VALUE changes one; none is written null", style="dim")
+
+
+def shown_value(value: Any) -> str:
+    """A setting's value as people write it."""
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "true", False: "false"}[value]
+    return f"{value:g}" if isinstance(value, float) else str(value)

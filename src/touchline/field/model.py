@@ -1,5 +1,6 @@
 """A marked field: its paint as centre lines, its goals and poles, and what follows from them."""
 
+import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -22,7 +23,6 @@ from touchline.field.distances import (
     sample_distances,
     segment_table,
 )
-from touchline.field.svg import field_svg
 from touchline.files.new import write_new_file
 from touchline.geometry import FloatArray, pairs_of
 from touchline.messages import length_unit
@@ -33,6 +33,7 @@ MAX_LINES = 1_000  # of each kind: the crossings of all pairs are looked for
 MAX_MAP_MB = 500
 _SAMPLE_BYTES = 12
 COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
+_CARPET, _PAINT, _NET = "#2c7c3a", "#f8f8f8", "#54924f"  # of a picture
 _YAML_HEADER = """\
 # A marked field. Origin at the centre mark, x along the length towards the opponent goal, y left; metres, radians.
 # length and width reach to the outer edge of the lines; the rows are centre lines: segments x1, y1, x2, y2;
@@ -144,7 +145,37 @@ class FieldModel:
 
     def _repr_svg_(self) -> str:
         """The field from above, as a notebook shows it."""
-        return field_svg(self)
+        return self.svg()
+
+    def svg(self, width_px: int = 640, marks: str = "") -> str:
+        """The field from above as SVG: lines, marks, goals and posts; x to the right, y up, metres within.
+
+        marks: SVG that is drawn on top.
+        """
+        beyond = max([self.border, *(goal.depth + 0.1 for goal in self.goals)])
+        length, width = self.length + 2.0 * beyond, self.width + 2.0 * beyond
+        paths = " ".join("M" + " ".join(f"{x:.3f},{y:.3f}" for x, y in line) for line in self.polylines(0.1))
+        discs = "".join(
+            f'<circle cx="{x:.3f}" cy="{y:.3f}" r="{d / 2:.3f}" fill="{_PAINT}"/>' for x, y, d in self.discs
+        )
+        nets = "".join(
+            f'<rect x="{min(goal.x, goal.x + (goal.depth if goal.x > 0 else -goal.depth)):.3f}" '
+            f'y="{min(goal.y_posts):.3f}" width="{goal.depth:.3f}" '
+            f'height="{max(goal.y_posts) - min(goal.y_posts):.3f}" fill="{_NET}"/>'
+            for goal in self.goals
+        )
+        posts = "".join(
+            f'<circle cx="{post.x:.3f}" cy="{post.y:.3f}" r="{max(post.diameter, 0.1) / 2:.3f}" fill="#111" '
+            f'stroke="{html.escape(post.colors_from_ground[0], quote=True)}" stroke-width="0.04"/>'
+            for post in self.posts
+        )
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width_px}" style="max-width:100%" '
+            f'viewBox="{-length / 2:.3f} {-width / 2:.3f} {length:.3f} {width:.3f}"><g transform="scale(1,-1)">'
+            f'<rect x="{-length / 2:.3f}" y="{-width / 2:.3f}" width="{length:.3f}" height="{width:.3f}" '
+            f'fill="{_CARPET}"/>{nets}<path d="{paths}" fill="none" stroke="{_PAINT}" '
+            f'stroke-width="{self.line_width:g}" stroke-linecap="square"/>{discs}{posts}{marks}</g></svg>'
+        )
 
     @cached_property
     def line_tables(self) -> LineTables:

@@ -12,7 +12,7 @@ import numpy as np
 from touchline.enums import StrEnum
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.messages import counted
-from touchline.types.drawing import estimate_html
+from touchline.types.drawing import ShownPose, on_a_grid, pose_marks, poses_html
 from touchline.types.problem import Problem
 from touchline.types.seen import Observation
 
@@ -199,7 +199,29 @@ class Estimate:
         )
 
     def _repr_html_(self) -> str:
-        return estimate_html(self)
+        return self.html()
+
+    def html(self, picture: str | None = None) -> str:
+        """All poses in a table, what is known of them, and a picture: by default the poses on a grid of metres."""
+        said = [*filter(None, (_bound_text(self), self.reason, _statistics_text(self))), *map(str, self.problems)]
+        picture = on_a_grid(self._shown(), self._seen()) if picture is None else picture
+        return poses_html(f"{self.stamp_ns / 1e9:.3f} s, {self.points} points", self._shown(), said, picture)
+
+    def svg_marks(self) -> str:
+        """SVG in metres of the field frame, y up: the line points as seen from the pose, all poses and their ellipses
+        of 2 sigma.
+        """
+        return pose_marks(self._shown(), self._seen())
+
+    def _shown(self) -> list[ShownPose]:
+        own = ShownPose(self.status.value, self.pose, self.covariance, self.residual_m, self.probability)
+        others = (ShownPose("or", o.pose, o.covariance, o.residual_m, o.probability) for o in self.hypotheses)
+        return [own, *others]
+
+    def _seen(self) -> FloatArray:
+        """(N, 2) the line points in the field frame."""
+        seen = np.zeros((0, 2)) if self.observation is None else self.observation.points.usable().positions_m
+        return self.pose.transform(seen)
 
     def status_text(self) -> str:
         """The status with its bound and reason: "tracking within 7 cm", "searching (not yet confirmed by motion)"."""
@@ -219,7 +241,7 @@ class Estimate:
         """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""
         return {
             "stamp_ns": int(self.stamp_ns),
-            "pose": _pose_tree(self.pose),
+            "pose": self.pose.to_dict(),
             "covariance": self.covariance.tolist(),
             "status": self.status.value,
             "reason": self.reason,
@@ -232,7 +254,7 @@ class Estimate:
             "end_probability": self.end_probability,
             "hypotheses": [
                 {
-                    "pose": _pose_tree(other.pose),
+                    "pose": other.pose.to_dict(),
                     "residual_m": _number_or_none(other.residual_m),
                     "probability": other.probability,
                     "covariance": None if other.covariance is None else other.covariance.tolist(),
@@ -267,9 +289,23 @@ for _name in ON_DEMAND:
     setattr(Estimate, _name, _OnDemand(getattr(Estimate, _name)))
 
 
-def _pose_tree(pose: Pose) -> dict[str, float]:
-    return {"x_m": pose.x, "y_m": pose.y, "heading_rad": pose.heading}
-
-
 def _number_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+def _bound_text(estimate: Estimate) -> str:
+    """The protection level and the end's probability; empty where neither is known."""
+    parts = []
+    if estimate.protection_m is not None:
+        parts.append(f"within {100.0 * estimate.protection_m:.1f} cm")
+    if estimate.protection_rad is not None:
+        parts.append(f"within {math.degrees(estimate.protection_rad):.1f}°")
+    if estimate.end_probability is not None:
+        parts.append(f"this end of the field: {100.0 * estimate.end_probability:.4g} %")
+    return ", ".join(parts)
+
+
+def _statistics_text(estimate: Estimate) -> str:
+    """The consistency statistics; empty where there are none."""
+    values = ", ".join(f"{name} {value:.2f}" for name, value in estimate.statistics.items())
+    return f"consistency, 1 is the alarm: {values}" if values else ""

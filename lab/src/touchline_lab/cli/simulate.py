@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -35,7 +35,7 @@ def simulate(
         typer.Option("--set", metavar="KEY=VALUE", help="Change one key of the scenario; may be repeated."),
     ] = None,
     level: Annotated[
-        str, typer.Option(metavar="images|points", help="Render images, or write what a detector would find in them.")
+        Literal["images", "points"], typer.Option(help="Render images, or write what a detector would find in them.")
     ] = "images",
     listing: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
 ) -> None:

@@ -9,6 +9,7 @@ import json
 import os
 import platform
 import re
+import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar, Token
@@ -98,17 +99,14 @@ def about() -> dict[str, Any]:
 
 def commit() -> str:
     """Of the source tree that this runs from; empty for an installed package."""
-    git = Path(__file__).parents[3] / ".git"
-    if not (git / "HEAD").is_file():
+    root = Path(__file__).parents[3]
+    if not (root / ".git").exists():
         return ""
-    head = read_text(git / "HEAD", 1000).strip()
-    if not head.startswith("ref: "):
-        return head[:12]
-    name = head.removeprefix("ref: ")
-    if (git / name).is_file():
-        return read_text(git / name, 1000).strip()[:12]
-    packed = read_text(git / "packed-refs", _MAX_BYTES) if (git / "packed-refs").is_file() else ""
-    return next((line[:12] for line in packed.splitlines() if line.endswith(f" {name}")), "")
+    try:
+        command = ["git", "rev-parse", "--short=12", "HEAD"]
+        return subprocess.run(command, cwd=root, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
 
 
 def seed_range(seeds: int, each: int = 1) -> range:

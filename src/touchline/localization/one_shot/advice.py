@@ -14,7 +14,8 @@ from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.one_shot.certainty import Spread, camera_fit
 from touchline.localization.one_shot.doubts import FAR_M
-from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, Location, locate
+from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, locate
+from touchline.localization.one_shot.location import Location
 from touchline.localization.one_shot.point_search import C_M, PointSearch
 from touchline.localization.one_shot.thinning import different, thinned_to
 from touchline.types import Observation

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from touchline.given import given_numbers
 from touchline.localization.one_shot.certainty import CameraDoubt, Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import FAR_M, MAX_OUTSIDE_RATIO, judge
 from touchline.localization.one_shot.joint_search import JointSearch
+from touchline.localization.one_shot.location import Location, NotSignificantError, PoorFitError
 from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, permutation_test
 from touchline.localization.one_shot.point_search import PointSearch
 from touchline.localization.one_shot.points_file import points_and_weights
@@ -87,43 +88,6 @@ class LocateSettings(Settings):
     )
     # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
     weights: WeightSettings = WeightSettings(floor_m=0.1)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Location:
-    """Where one observation was made.
-
-    pose, covariance (3, 3) in (m, m, rad): field frame. error: weighted mean of the error function.
-    mean_distance_m, median_distance_m: of the points to the nearest line centre, all points alike, exact distances.
-    hypotheses: other poses of similar error, the better first; residual_m is their mean_distance_m.
-    points: different points used. chance: the error against that of the same points rearranged. doubts: what speaks
-    against the pose, a sentence each; where points don't fit, the covariance is as wide as they are off.
-    camera_errors (K,): that were fitted with the pose, of an observation of more than line points.
-    """
-
-    pose: Pose
-    covariance: FloatArray
-    error: float
-    mean_distance_m: float
-    median_distance_m: float
-    hypotheses: tuple[Hypothesis, ...]
-    points: int
-    chance: PermutationTest
-    doubts: tuple[str, ...] = ()
-    camera_errors: FloatArray | None = None
-
-
-class PoorFitError(NoFitError):
-    """Points that most of the lines miss even at the best pose: that pose nevertheless, and the test against chance."""
-
-    def __init__(self, message: str, best: Hypothesis, chance: PermutationTest) -> None:
-        super().__init__(message)
-        self.best = best
-        self.chance = chance
-
-
-class NotSignificantError(PoorFitError):
-    """Points that fit no pose better than chance: `chance` is the test that the best pose failed."""
 
 
 def locate(

@@ -1,10 +1,13 @@
-"""docs/settings.md: every constant with its value, unit and reason, from the settings themselves."""
+"""The page of settings: every setting with its value, unit and reason, from the settings themselves."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from touchline.cli.systems import shown_value
 from touchline.config import Settings, preset_values, settings_rows, shown_key
+from touchline.localization.one_shot.locate import LocateSettings
 from touchline.messages import counted
+from touchline.systems import SYSTEMS
 
 _INTRODUCTION = """\
 # Settings
@@ -17,7 +20,7 @@ Settings that several systems share come first; each stands here once. Those und
 exact form; the column *paper* has what `--preset paper` makes of each. What nobody has had a
 reason to change is a named constant beside its use in the code.
 
-This page is written by `touchline systems --markdown > docs/settings.md`; a test compares it with the code.
+`touchline systems NAME` prints the settings of one system.
 """
 _UNITS = (
     ("_per_m", "1/m"),
@@ -42,12 +45,9 @@ class Row(NamedTuple):
     about: str
 
 
-def settings_page(systems: Sequence[str] | None = None) -> str:
-    """The page as Markdown. systems: those that stand on it; none: all."""
-    from touchline.localization.one_shot.locate import LocateSettings
-    from touchline.systems import SYSTEMS
-
-    infos = [SYSTEMS[name] for name in systems or SYSTEMS]
+def settings_page() -> str:
+    """The page as Markdown."""
+    infos = list(SYSTEMS.values())
     owners: dict[Row, tuple[str, ...]] = {}  # of each row: the systems that have it
     for info in infos:
         for row in _rows(info.settings):
@@ -69,16 +69,11 @@ One observation without any history: `touchline locate` and `touchline.locate`. 
     return "\n".join([*sections, f"## locate\n\n{about}\n\n{_table(own)}"])
 
 
-def settable(settings: type[Settings]) -> list[str]:
-    """The keys of the settings that a user may set, without the switches to the papers' exact form."""
-    return [key for key, _, _ in settings_rows(settings) if "paper" not in key.split(".")]
-
-
 def _count(settings: type[Settings]) -> str:
-    count = len(settable(settings))
-    switches = len(list(settings_rows(settings))) - count
+    keys = [key for key, _, _ in settings_rows(settings)]
+    switches = sum("paper" in key.split(".") for key in keys)
     paper = f", and {switches} switches under `paper`" if switches > 1 else ", and one switch under `paper`"
-    return f"{counted(count, 'setting')} with the shared ones{paper * bool(switches)}."
+    return f"{counted(len(keys) - switches, 'setting')} with the shared ones{paper * bool(switches)}."
 
 
 def unit_of(key: str) -> str:
@@ -111,13 +106,6 @@ def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield from _leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
-
-
-def shown_value(value: Any) -> str:
-    """A setting's value as people write it."""
-    if value is None or isinstance(value, bool):
-        return {None: "none", True: "true", False: "false"}[value]
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _sentence(text: str) -> str:

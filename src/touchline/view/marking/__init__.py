@@ -1,1 +1,0 @@
-"""`touchline mark`: points, regions and lines clicked on a local page and saved as the files that calibrations read."""
