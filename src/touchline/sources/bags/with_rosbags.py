@@ -8,34 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import (
-    Connection,
-    MessageDefinition,
-    MessageDefinitionFormat,
-    Nodetype,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from touchline.files.opened import UnreadableError
-from touchline.sources.bags.layout import LATCHED_TOPICS
+from touchline.sources.bags.layout import LATCHED, LATCHED_TOPICS
 from touchline.sources.bags.messages import Bag, Message, Place, Topic
 from touchline.sources.problems import ProblemLog
 
 _IDL_LINE = "=" * 80 + "\n"
-_NO_TIME = QosTime(0, 0)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
-    _NO_TIME, _NO_TIME, QosLiveliness.SYSTEM_DEFAULT, _NO_TIME, False,
-)  # fmt: skip
 
 
 class BadMessageError(Exception):
@@ -236,7 +221,7 @@ class Rosbag2Writer:
     def write(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
         """Add a message."""
         if topic not in self._connections:
-            qos = (_LATCHED,) if topic in LATCHED_TOPICS else ()
+            qos = parse_qos(LATCHED) if topic in LATCHED_TOPICS else ()
             self._connections[topic] = self._writer.add_connection(
                 topic, kind, typestore=self._codec.standard, offered_qos_profiles=qos
             )
