@@ -47,7 +47,6 @@ _SQL = (
     "UPDATE messages SET topic_id = 99",
     "UPDATE schema SET schema_version = 99",
     "UPDATE schema SET schema_version = 'x'",
-    "UPDATE messages SET data = zeroblob(250000000) WHERE id = 3",
     "INSERT INTO topics SELECT id + 100, name, type, serialization_format, offered_qos_profiles, type_description_hash "
     "FROM topics",
     "ALTER TABLE messages RENAME TO others; CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL "

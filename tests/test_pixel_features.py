@@ -27,7 +27,7 @@ from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages, quaternion_of
 from touchline.sources.bags.transforms import BODY_FROM_OPTICAL, FrameTree
-from touchline.sources.bags.with_rosbags import Codec, _known
+from touchline.sources.bags.with_rosbags import Codec, earlier_types
 from touchline.sources.bags.writing import McapWriter
 from touchline.sources.new_description import write_yaml
 from touchline.sources.problems import ProblemLog
@@ -193,7 +193,7 @@ def test_pixels_that_come_live_are_what_is_on_the_ground() -> None:
 
 
 def test_messages_from_before_humble_are_read_too() -> None:
-    earlier = _known(earlier=True)
+    earlier = earlier_types()
     data = bytes(earlier.serialize_cdr(markings(10 * SECOND_NS, earlier), MARKINGS))
     back = CODEC.decode(Topic("/markings", MARKINGS, "cdr", None, 1), data)
     reader = RosReader(camera=CAMERA)

@@ -25,7 +25,7 @@ from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.standard import StandardMessages, quaternion_of
 from touchline.sources.bags.team_features import feature_rows
 from touchline.sources.bags.transforms import pose3
-from touchline.sources.bags.with_rosbags import Codec, _known
+from touchline.sources.bags.with_rosbags import Codec, earlier_types
 from touchline.sources.bags.writing import McapWriter
 from touchline.sources.observations import observation_of
 from touchline.sources.problems import ProblemLog
@@ -134,7 +134,7 @@ def test_what_has_no_stamp_is_moved_back_by_what_is_told(bag: Path) -> None:
 
 def test_messages_of_the_first_robots_are_read_too() -> None:
     codec, kind = Codec(), BOOSTER_TYPES["/booster_soccer/detection"]
-    earlier = _known(earlier=True)
+    earlier = earlier_types()
     place = np.array([2.0, 1.0, 0.0], dtype=np.float32)
     one = earlier.types["vision_interface/msg/DetectedObject"](
         label="TCross", confidence=80.0, xmin=0, ymin=0, xmax=1, ymax=1, received_pos=place, position=place,

@@ -1,6 +1,5 @@
 """Runs of one recording side by side: what they reach, what differs in their settings, where they part."""
 
-import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from touchline.evaluation.metrics import associate, signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_data import RIGHT_M, RIGHT_RAD, RunData
 from touchline.evaluation.timeline import Chart, Curve, page_data, run_tree, shown_rows, truth_tree
-from touchline.evaluation.web_page import html_page, time_panel
+from touchline.evaluation.web_page import html_page
 from touchline.geometry import BoolArray, FloatArray, IntArray, runs_of, wrap_angles
 from touchline.sources import Recording
 from touchline.types import Status
@@ -218,17 +217,20 @@ def comparison_page(compared: Comparison) -> str:
     trees = [_tree(one, rows, f"run-{k}") for k, one in enumerate(compared.runs)]
     truth = truth_tree(first, rows)
     data = page_data(first, _charts(compared, rows), [*trees, *([] if truth is None else [truth])], rows)
-    key = [(one.name, f"run-{k}") for k, one in enumerate(compared.runs)]
-    names = " · ".join(html.escape(one.name) for one in compared.runs)
-    recording = html.escape(compared.recording)
-    sections = [
-        f"<header><p class='brand'>Touchline</p><h1>{names}</h1><p class='facts'>runs of {recording}</p></header>",
-        _table("Figures", ("run", *(f"{n} ({u})" for n, u in zip(COLUMNS, UNITS, strict=True))), compared.figures()),
-        _table("What differs", ("", *(one.name for one in compared.runs)), compared.differing_settings()),
-        _parting(compared),
-        time_panel(key, False, "Errors: distance from the truth, and of the heading. "),
-    ]
-    return html_page(f"{compared.runs[0].name} and others · Touchline", sections, data)
+    names = [one.name for one in compared.runs]
+    return html_page(
+        "compare.html.jinja",
+        data,
+        title=f"{names[0]} and others",
+        names=names,
+        recording=compared.recording,
+        columns=[f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True)],
+        figures=compared.figures(),
+        differing=compared.differing_settings(),
+        parting=parting_lines(compared),
+        why_no_truth=compared.why_no_truth,
+        key=[(name, f"run-{k}") for k, name in enumerate(names)],
+    )
 
 
 def parting_lines(compared: Comparison) -> list[str]:
@@ -289,23 +291,3 @@ def _error(one: Compared, heading: bool) -> FloatArray:
     if errors is not None:
         own[errors.rows] = _DEGREES * errors.values[:, 2] if heading else 100.0 * errors.position_m()
     return np.where(one.row >= 0, own[one.row], np.nan)
-
-
-def _parting(compared: Comparison) -> str:
-    lines = "".join(f"<li>{html.escape(line)}</li>" for line in parting_lines(compared))
-    why = f"<p class='note'>{html.escape(compared.why_no_truth)}</p>" if compared.why_no_truth else ""
-    return f"<section><h2>Where they part</h2><ul>{lines}</ul>{why}</section>"
-
-
-def _table(title: str, head: Sequence[str], rows: Sequence[tuple[str, list[str]]]) -> str:
-    if not rows:
-        return f"<section><h2>{title}</h2><p>Nothing.</p></section>"
-    top = "".join(f"<th>{html.escape(name)}</th>" for name in head)
-    body = "".join(
-        f"<tr><th>{html.escape(name)}</th>{''.join(f'<td>{html.escape(value)}</td>' for value in values)}</tr>"
-        for name, values in rows
-    )
-    return (
-        f"<section><h2>{title}</h2><div class='scroll'><table class='errors'><thead><tr>{top}</tr></thead>"
-        f"<tbody>{body}</tbody></table></div></section>"
-    )

@@ -1,7 +1,6 @@
 """report.html: one self-contained page about a run, readable on a phone, by day and by night."""
 
 import base64
-import html
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -28,7 +27,7 @@ from touchline.evaluation.timeline import (
     truth_tree,
 )
 from touchline.evaluation.tum import pose_text
-from touchline.evaluation.web_page import html_page, time_panel
+from touchline.evaluation.web_page import html_page
 from touchline.files.new import replace_file
 from touchline.geometry import Pose
 from touchline.messages import counted
@@ -60,45 +59,28 @@ def write_report(
 
     Raises TouchlineError if it cannot be written.
     """
-    shows_time = bool(len(data.table))
-    sections = [
-        _header(summary),
-        _key_figures(summary, errors, data),
-        _time_section(data, bool(thumbnails)) if shows_time else "",
-        _error_table(errors, summary, data),
-        _latency(data, summary),
-        _gallery(pictures),
-        _said(summary),
-        _problems(summary),
-        _settings(summary),
-        _footer(summary),
-    ]
-    title = f"{summary['recording']['name']} · {summary['system']} · Touchline"
-    page = html_page(title, sections, _page_data(data, thumbnails, summary) if shows_time else None)
+    rows = [] if errors is None else [*tracked_rows(data.tracked_errors()), *errors.rows()]
+    page = html_page(
+        "report.html.jinja",
+        _page_data(data, thumbnails, summary) if len(data.table) else None,
+        title=f"{summary['recording']['name']} · {summary['system']}",
+        summary=summary,
+        recording=summary["recording"],
+        run=data,
+        errors=errors,
+        other_side=other_side_text(summary),
+        tiles=_key_figures(summary, errors, data),
+        key=path_key(data),
+        has_images=bool(thumbnails),
+        columns=list(COLUMNS),
+        error_rows=rows,
+        pictures=[(picture, source) for picture in pictures if (source := _jpeg(picture.image))],
+        said=[(said_text(one), one["code"]) for one in summary["said"]],
+        settings=leaves(summary["settings"]),
+    )
     path = folder / REPORT
     replace_file(path, page.encode(errors="replace"))  # a name may be no UTF-8
     return path
-
-
-def _header(summary: dict[str, Any]) -> str:
-    recording, name = summary["recording"], html.escape(summary["recording"]["name"])
-    ended = {
-        "complete": "",
-        "interrupted": "The run was interrupted; this is what was done until then.",
-        "failed": f"The run failed: {summary.get('failure')}. This is what was done until then.",
-    }[summary["ended"]]
-    notes = "".join(f'<p class="warning">{html.escape(text)}</p>' for text in (ended, other_side_text(summary)) if text)
-    facts = [
-        f"system <strong>{html.escape(summary['system'])}</strong>",
-        f"field {html.escape(str(recording['field']))}",
-        f"{counted(summary['frames'], 'image')} in {summary['duration_s']:.1f} s",
-        html.escape(str(summary["started"])[:16].replace("T", " ")),
-    ]
-    description = html.escape(str(recording.get("description") or ""))
-    return (
-        f"<header><p class='brand'>Touchline</p><h1>{name}</h1><p class='facts'>{' · '.join(facts)}</p>"
-        f"<p class='description'>{description}</p>{notes}</header>"
-    )
 
 
 def other_side_text(summary: dict[str, Any]) -> str:
@@ -130,8 +112,9 @@ def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: dict[str
     return page_data(data, error_charts(data, rows), runs, rows, thumbnails, times)
 
 
-def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunData) -> str:
-    tiles: list[tuple[str, str, str]] = _kidnap_tiles(data)
+def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunData) -> list[tuple[str, str, str]]:
+    """Label, value and unit of the figures that come first."""
+    tiles = _kidnap_tiles(data)
     tracked = data.tracked_errors()
     if errors is not None:
         x, y, heading, position = (
@@ -157,11 +140,7 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunDa
         which = f", first {left_out} left out" if left_out else ""
         tiles.append((f"time per image, median{which}", milliseconds(latency["median"]), "ms"))
         tiles.append((f"time per image, p99{which}", milliseconds(latency["p99"]), "ms"))
-    cells = "".join(
-        f"<div class='tile'><dt>{label}</dt><dd>{value}<span>{'' if unit == '°' else ' '}{unit}</span></dd></div>"
-        for label, value, unit in tiles
-    )
-    return f"<dl class='tiles'>{cells}</dl>"
+    return tiles
 
 
 def _kidnap_tiles(data: RunData) -> list[tuple[str, str, str]]:
@@ -180,22 +159,6 @@ def _kidnap_tiles(data: RunData) -> list[tuple[str, str, str]]:
     return tiles
 
 
-def _error_table(errors: ErrorTable | None, summary: dict[str, Any], data: RunData) -> str:
-    if errors is None:
-        why = summary["why_no_errors"]
-        return f"<section><h2>Errors</h2><p>{html.escape(why[:1].upper() + why[1:])}.</p></section>"
-    head = "".join(f"<th>{title}</th>" for title in COLUMNS)
-    printed = [*tracked_rows(data.tracked_errors()), *errors.rows()]
-    rows = "".join(
-        f"<tr><th>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for name, values in printed
-    )
-    note = "std e is of the signed error, std |e| of its size."
-    return (
-        f"<section><h2>Errors</h2><div class='scroll'><table class='errors'><thead><tr><th></th>{head}</tr></thead>"
-        f"<tbody>{rows}</tbody></table></div><p class='note'>{'. '.join(errors.notes())}. {note}</p></section>"
-    )
-
-
 def tracked_rows(tracked: dict[str, ErrorStatistics] | None) -> list[tuple[str, list[str]]]:
     """Rows of the tracked images alone, which come first; none where they are all that count."""
     if tracked is None:
@@ -205,18 +168,6 @@ def tracked_rows(tracked: dict[str, ErrorStatistics] | None) -> list[tuple[str, 
         (f"{name}, tracked ({unit})", [f"{scale * value:.{digits}f}" for value in asdict(tracked[name]).values()])
         for name, scale, digits, unit in named
     ]
-
-
-def _time_section(data: RunData, has_images: bool) -> str:
-    """The path, the image and the curves, all at the time of one slider."""
-    if data.first_located < len(data.table):
-        by = "mode: which sensors it comes from" if data.table.has_modes else "status of its estimate"
-        caption = f"Each dot is one image since the robot was first located, coloured by the {by}."
-    elif data.truth is not None:
-        caption = "The truth alone: the robot was never located."
-    else:
-        caption = "The robot was never located."
-    return time_panel(path_key(data), has_images, _of_the_curves(data), caption)
 
 
 def path_key(data: RunData) -> list[tuple[str, str]]:
@@ -230,84 +181,11 @@ def path_key(data: RunData) -> list[tuple[str, str]]:
     return key + ([("first located", "first-located")] if data.first_located < len(data.table) else [])
 
 
-def _of_the_curves(data: RunData) -> str:
-    said = "Residual: mean distance of points or features from the field's."
-    if data.errors_since_located() is not None:
-        sigma = "Shaded about zero: ± 2σ as the system states it."
-        said = f"Estimate minus truth, in the field frame, since the robot was first located. {sigma} {said}"
-        said += " Grey: black images, which do not count." if data.black_ns else ""
-    if data.said:
-        said += " Orange: what the system said while it ran, at its time."
-    if data.table.statistics:
-        said += " Consistency: how far sensors and field contradict each other; from 1 on it is an alarm."
-    return said
+def _jpeg(image: ImageArray) -> str:
+    """An image as the source of one, empty if it cannot be."""
+    done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return _source("jpeg", code.tobytes()) if done else ""
 
 
 def _source(kind: str, data: bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
-
-
-def _latency(data: RunData, summary: dict[str, Any]) -> str:
-    if not len(data.table):
-        return ""
-    caption = "Perception and localization together, without reading and decoding. "
-    caption += _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"])
-    drawing = "<div id='histogram' role='img' aria-label='Histogram of the time per frame'></div>"
-    figure = f"<figure class='histogram'>{drawing}<figcaption>{caption}</figcaption></figure>"
-    return f"<section><h2>Latency</h2>{figure}</section>"
-
-
-def _of_the_start(left_out: int, learns_colours: bool) -> str:
-    why = f"compiled code is loaded{' and the colours are learned' if learns_colours else ''}"
-    if left_out:
-        return f"Median and p99 leave out the first {left_out} images (grey), in which {why}."
-    return f"The first images take longest: {why}."
-
-
-def _gallery(pictures: Iterable[Picture]) -> str:
-    items = []
-    for picture in pictures:
-        done, code = cv2.imencode(".jpg", picture.image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        if not done:
-            continue
-        items.append(
-            f"<figure><img alt='{html.escape(picture.title)}' loading='lazy' src='{_source('jpeg', code.tobytes())}'>"
-            f"<figcaption><strong>{html.escape(picture.title)}</strong> {html.escape(picture.caption)}</figcaption>"
-            "</figure>"
-        )
-    return f"<section><h2>Images</h2><div class='gallery'>{''.join(items)}</div></section>" if items else ""
-
-
-def _problems(summary: dict[str, Any]) -> str:
-    problems = summary["problems"]
-    if not problems["counts"]:
-        return "<section><h2>Problems of the recording</h2><p>None were found while reading it.</p></section>"
-    counts = "".join(f"<li>{count} × {html.escape(kind)}</li>" for kind, count in problems["counts"].items())
-    lines = "".join(f"<li>{html.escape(message)}</li>" for message in problems["messages"])
-    return (
-        f"<section><h2>Problems of the recording</h2><ul>{counts}</ul>"
-        f"<details><summary>The first {len(problems['messages'])}</summary><ol class='small'>{lines}</ol></details>"
-        "</section>"
-    )
-
-
-def _said(summary: dict[str, Any]) -> str:
-    """What the system said while it ran; nothing where it said nothing."""
-    if not summary["said"]:
-        return ""
-    lines = "".join(f"<li>{html.escape(said_text(one))} <code>{one['code']}</code></li>" for one in summary["said"])
-    return f"<section><h2>What the system said</h2><ol class='small'>{lines}</ol></section>"
-
-
-def _settings(summary: dict[str, Any]) -> str:
-    rows = "".join(
-        f"<tr><th>{html.escape(key)}</th><td>{html.escape(str(value))}</td></tr>"
-        for key, value in leaves(summary["settings"]).items()
-    )
-    table = f"<div class='scroll'><table>{rows}</table></div>"
-    return f"<section><h2>Settings</h2><details><summary>All of this run</summary>{table}</details></section>"
-
-
-def _footer(summary: dict[str, Any]) -> str:
-    versions = " · ".join(f"{html.escape(name)} {html.escape(str(v))}" for name, v in summary["versions"].items())
-    return f"<footer>seed {summary['seed']} · {html.escape(str(summary['cpu']))} · {versions}</footer>"

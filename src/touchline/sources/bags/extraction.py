@@ -10,9 +10,9 @@ import numpy as np
 from typing_extensions import Self
 
 from touchline.geometry import IntArray
-from touchline.sources.bags.cdr_header import read_text
-from touchline.sources.bags.layout import IMAGE_ROWS, IMAGES, TABLES, WHOLE
+from touchline.sources.bags.layout import COMPRESSED_IMAGE, IMAGE_ROWS, IMAGES, STRING, TABLES, WHOLE
 from touchline.sources.bags.messages import Bag
+from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 
@@ -26,13 +26,14 @@ class ImagePlaces(NamedTuple):
     places: IntArray
 
 
-def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
+def extract_own(bag: Bag, codec: Codec, folder: Path, problems: ProblemLog) -> ImagePlaces:
     """Write the files that a bag of Touchline holds, in one pass over it, in constant memory but for 32 bytes an image.
 
     A row of an image whose own message is lost, at the end of a bag that was cut off, is left out.
     """
     topics = bag.topics
-    wanted = [topic for topic in (*WHOLE.values(), *TABLES.values(), IMAGES) if topic in topics]
+    kinds = {**dict.fromkeys((*WHOLE.values(), *TABLES.values()), STRING), IMAGES: COMPRESSED_IMAGE}
+    wanted = [topic for topic, kind in kinds.items() if topic in topics and topics[topic].type == kind]
     names = {topic: name for name, topic in {**WHOLE, **TABLES}.items()}
     places, image_times, row_times = array("q"), array("q"), array("q")
     header_seen = False
@@ -42,9 +43,10 @@ def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
                 image_times.append(message.log_ns)
                 places.extend(message.place)
                 continue
-            text = read_text(message.data)
-            if text is None:
-                problems.add(ProblemKind.BAG, message.topic, "a message cannot be read as text; it is left out")
+            try:
+                text = codec.decode(topics[message.topic], message.data).data
+            except BadMessageError as error:
+                problems.add(ProblemKind.BAG, message.topic, f"a message cannot be read ({error}); it is left out")
                 continue
             files.write(names[message.topic], text)
             if message.topic == IMAGE_ROWS:

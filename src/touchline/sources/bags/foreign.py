@@ -17,7 +17,6 @@ from touchline.messages import listed
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_file import camera_mapping
 from touchline.sources.bags.camera_track import CameraTrack
-from touchline.sources.bags.cdr_header import Header, read_header
 from touchline.sources.bags.extraction import ImagePlaces, NewFiles
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.layout import EPOCH_KEY
@@ -38,6 +37,7 @@ from touchline.sources.bags.transforms import (
     FrameTree,
     TransformOdometry,
     camera_body,
+    header_stamp_ns,
     lifted,
     plain,
     pose3,
@@ -124,22 +124,22 @@ class Foreign:
         """What has to be known before the first row: clock, camera and frames, as far as the bag tells of them."""
         names: Collection[str] = {*self._roles, *self._transforms}
         for count, message in enumerate(self._bag.messages(names)):
-            topic = self._bag.topics[message.topic]
-            if message.topic in self._transforms:
-                if (transforms := self._decoded(topic, message)) is not None:
-                    self._tree.update(transforms.transforms)
+            if (decoded := self._decoded(message)) is None:
                 continue
-            if message.topic == self._name(roles.ODOMETRY) and (odometry := self._decoded(topic, message)) is not None:
-                self._tree.moved(odometry)
-            header = None if topic.type in roles.UNSTAMPED else read_header(message.data, topic.encoding)
-            if self._epoch_ns is None and header is not None:
-                self._compare_clocks(message.log_ns, header.stamp_ns)
-                second = (header.stamp_ns or message.log_ns) // _SECOND_NS
+            if message.topic in self._transforms:
+                self._tree.update(decoded.transforms)
+                continue
+            if message.topic == self._name(roles.ODOMETRY):
+                self._tree.moved(decoded)
+            if self._epoch_ns is None and hasattr(decoded, "header"):
+                stamp_ns = header_stamp_ns(decoded.header)
+                self._compare_clocks(message.log_ns, stamp_ns)
+                second = (stamp_ns or message.log_ns) // _SECOND_NS
                 self._epoch_ns = second * _SECOND_NS * self._options.from_zero
             if message.topic == self._name(roles.CAMERA_INFO) and self._info is None:
-                self._info = self._decoded(topic, message)
-            if message.topic in (self._name(roles.IMAGE), *self._pixels) and header is not None:
-                self._frame = self._frame or header.frame
+                self._info = decoded
+            if message.topic in (self._name(roles.IMAGE), *self._pixels):
+                self._frame = self._frame or decoded.header.frame_id
             if self._knows_enough() and (count >= _MAX_LOOKED or self._knows_height()):
                 return
 
@@ -174,36 +174,31 @@ class Foreign:
             return None
         return lifted(camera_body(pose, self._frame), self._tree.base_height_m(self._options.base))
 
-    def _decoded(self, topic: Topic, message: Message) -> Any:
+    def _decoded(self, message: Message) -> Any:
         try:
-            return self._codec.decode(topic, message.data)
+            return self._codec.decode(self._bag.topics[message.topic], message.data)
         except BadMessageError as error:
-            self._problems.add(ProblemKind.BAG, topic.name, f"a message cannot be read ({error}); it is left out")
+            self._problems.add(ProblemKind.BAG, message.topic, f"a message cannot be read ({error}); it is left out")
             return None
 
     def _take(self, message: Message, tables: ForeignTables) -> None:
-        topic = self._bag.topics[message.topic]
+        if (decoded := self._decoded(message)) is None:
+            return
         if message.topic in self._transforms:
-            if (transforms := self._decoded(topic, message)) is not None:
-                tables.place(transforms.transforms, self._epoch_ns or 0)
+            tables.place(decoded.transforms, self._epoch_ns or 0)
             return
-        bare = topic.type in roles.UNSTAMPED
-        header = Header(0, "", "") if bare else read_header(message.data, topic.encoding)
-        if header is None:
-            self._problems.add(ProblemKind.BAG, topic.name, "a message is too short; it is left out")
-            return
+        bare = not hasattr(decoded, "header")
         received_ns = message.log_ns + bare * (self._bare_ns - round(1e6 * self._options.late_ms))
-        stamp_ns = (header.stamp_ns or received_ns) - (self._epoch_ns or 0)
+        stamp_ns = ((not bare and header_stamp_ns(decoded.header)) or received_ns) - (self._epoch_ns or 0)
         taken = self._roles[message.topic]
         if roles.IMAGE in taken:
             self._stamps.append(stamp_ns)
             self._places.extend(message.place)
-            png = topic.type == roles.RAW_IMAGE or "png" in header.text or "compressed bayer" in header.text
-            self._names.append(int(png))
+            text = getattr(decoded, "format", "png")  # images that are pixels become PNG files
+            self._names.append("png" in text or "compressed bayer" in text)
             return
-        if (decoded := self._decoded(topic, message)) is not None:
-            for role in taken:
-                tables.add(role, stamp_ns, decoded, together=roles.IMU in taken and roles.COMPASS in taken)
+        for role in taken:
+            tables.add(role, stamp_ns, decoded, together=roles.IMU in taken and roles.COMPASS in taken)
 
     def _write_images(self, folder: Path, order: Any) -> None:
         if roles.IMAGE not in self._topics:

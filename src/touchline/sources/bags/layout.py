@@ -29,5 +29,11 @@ TABLES = {
 """Files of which each line is a message, its header the first one."""
 LATCHED_RESULTS = ("/touchline/pose", "/touchline/field_lines", "/touchline/map")
 LATCHED_TOPICS = frozenset((*WHOLE.values(), *LATCHED_RESULTS, "/tf_static", "/camera/camera_info"))
+LATCHED = (
+    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
+    "  deadline: {sec: 0, nsec: 0}\n  lifespan: {sec: 0, nsec: 0}\n  liveliness: 0\n"
+    "  liveliness_lease_duration: {sec: 0, nsec: 0}\n  avoid_ros_namespace_conventions: false\n"
+)
+"""The quality of service of latched topics, as a bag names it."""
 EPOCH_KEY = "clock_starts_at_ns"
 """In sequence.yaml: what the bag's clock showed at t = 0."""

@@ -39,7 +39,7 @@ def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:
     elif options.given():
         raise InputError(f"{path}: is a recording that Touchline wrote: its topics, field and camera are known")
     else:
-        places = extract_own(bag, folder.path, problems)
+        places = extract_own(bag, codec, folder.path, problems)
     images = BagImages(bag, codec, places)
     try:
         recording = Recording(folder.path, path=path, images=images, problems=problems)

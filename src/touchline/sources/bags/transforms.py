@@ -53,7 +53,7 @@ class FrameTree:
             if pose is None or child == parent:
                 continue
             self._parents[child] = (parent, pose)
-            placed.append((child, each.header.stamp.sec * 1_000_000_000 + each.header.stamp.nanosec))
+            placed.append((child, header_stamp_ns(each.header)))
         return placed
 
     def base(self, wanted: str | None) -> str | None:
@@ -92,6 +92,11 @@ class FrameTree:
         for frame in frames:
             pose = self._parents[frame][1].compose(pose)
         return pose
+
+
+def header_stamp_ns(header: Any) -> int:
+    """The stamp of a std_msgs/Header (ns); 0 where the sender gave none."""
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
 class TransformOdometry:

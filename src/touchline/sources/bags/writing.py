@@ -18,12 +18,13 @@ from touchline.sources.bags.layout import (
     EPOCH_KEY,
     IMAGE_ROWS,
     IMAGES,
+    LATCHED,
     LATCHED_TOPICS,
     STRING,
     TABLES,
     WHOLE,
 )
-from touchline.sources.bags.standard import OPTICAL, StandardMessages
+from touchline.sources.bags.standard import StandardMessages
 from touchline.sources.bags.table_rows import MAX_STAMP_NS, Rows, read_rows
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.camera_poses import CAMERA_POSES
@@ -35,11 +36,6 @@ from touchline.sources.truth import TUM_COLUMNS, heading_of
 _TF = "tf2_msgs/msg/TFMessage"
 _MAX_BYTES = 8_000_000  # of a file that becomes one message
 _CHUNK_BYTES = 256_000  # what a cut, or damage, can cost
-_LATCHED = (
-    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
-    "  deadline: {sec: 0, nsec: 0}\n  lifespan: {sec: 0, nsec: 0}\n  liveliness: 0\n"
-    "  liveliness_lease_duration: {sec: 0, nsec: 0}\n  avoid_ros_namespace_conventions: false\n"
-)
 
 
 class Outgoing(NamedTuple):
@@ -78,7 +74,7 @@ class McapWriter:
             if kind not in self._schemas:
                 text = self._codec.definition(kind).encode()
                 self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text)
-            qos = {"offered_qos_profiles": _LATCHED} if topic in LATCHED_TOPICS else {}
+            qos = {"offered_qos_profiles": LATCHED} if topic in LATCHED_TOPICS else {}
             self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[kind], qos)
         self._writer.add_message(self._channels[topic], log_ns, data, log_ns)
 
@@ -203,13 +199,7 @@ class _Outgoing:
             data = self._recording.image_store.file_bytes(row, name)
         except UnreadableError:
             return
-        ending = Path(name).suffix.lower().lstrip(".")
-        message = self._codec.make(
-            COMPRESSED_IMAGE,
-            header=self._standard.header(rows.stamp_ns + self._epoch_ns, OPTICAL),
-            format={"jpg": "jpeg"}.get(ending, ending),
-            data=np.frombuffer(data, dtype=np.uint8),
-        )
+        message = self._standard.compressed(rows.stamp_ns + self._epoch_ns, data)
         yield self._outgoing(log_ns, IMAGES, COMPRESSED_IMAGE, message)
 
 
