@@ -7,16 +7,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import booster
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
-from team_writing import BOOSTER_TYPES, SOCCER_VISION_TYPES, TeamMessages
+from team_writing import BOOSTER_TYPES, EPOCH_NS, SOCCER_VISION_TYPES, TeamMessages, write_bag
 
 from touchline.checks.late_odometry import _redealt, find_late
 from touchline.errors import InputError
-from touchline.geometry import Pose3
+from touchline.evaluation.runner import robot_setup
+from touchline.geometry import Pose, Pose3
 from touchline.sources import Recording, open_source
 from touchline.sources.bags import roles
 from touchline.sources.bags.gathering import Gathering
@@ -29,13 +29,13 @@ from touchline.sources.bags.with_rosbags import Codec, earlier_types
 from touchline.sources.bags.writing import McapWriter
 from touchline.sources.observations import observation_of
 from touchline.sources.problems import ProblemLog
-from touchline.types import Crossings, Landmarks, Lines, Observation, generic_covariances
+from touchline.systems import open_system
+from touchline.types import Crossings, Landmarks, Lines, Observation, Prior, Status, generic_covariances
 from touchline_lab.experiments.drives import Drive
-from touchline_lab.experiments.schulz_runs import AS_BUILT, walk
+from touchline_lab.experiments.schulz_runs import AS_BUILT, RIGHT_M, RIGHT_RAD, start_about, walk
 
 FIELD = "hsl-s-9x6"
 SECOND_NS = 1_000_000_000
-EPOCH_NS = 1_763_780_000 * SECOND_NS  # the clock of the bags
 
 
 @cache
@@ -46,7 +46,7 @@ def walked() -> Drive:
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path: Path = tmp_path_factory.mktemp("booster") / "walk.mcap"
-    booster.write_bag(walked(), path, 3)
+    write_bag(walked(), path, 3)
     return path
 
 
@@ -108,11 +108,13 @@ def test_a_bag_of_a_booster_robot_is_the_walk_it_was_recorded_of(bag: Path) -> N
     assert odometry[:100] == pytest.approx(sent_odometry[:100], abs=1e-5)
 
 
-def test_its_pose_is_right_more_often_than_that_of_a_search_for_markers_in_single_images(tmp_path: Path) -> None:
-    tracks = booster.tracks(walked(), tmp_path / "walk.mcap", 3)
-    share = {name: float(booster.right(track, walked()).mean()) for name, track in tracks.items()}
-    assert min(share["touchline"], share["nimbro-lines"]) == 1.0
-    assert 0.05 < share["marker search"] < 0.5
+def test_a_system_localizes_from_the_bag_alone(bag: Path) -> None:
+    recording, truth = read(bag), walked().truth
+    system = open_system("touchline", robot_setup(recording))
+    system.reset(Prior(start_about(Pose(*truth[0]), 3)))
+    found = [system.step(frame) for frame in recording]
+    assert all(one.status is Status.TRACKING for one in found)
+    assert all(one.pose.is_near(Pose(*true), RIGHT_M, RIGHT_RAD) for one, true in zip(found, truth, strict=True))
 
 
 def test_how_late_an_odometer_comes_is_found_by_the_turns_that_features_show() -> None:

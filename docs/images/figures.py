@@ -167,18 +167,8 @@ def drawn_speed(found: dict[str, Any]) -> dict[str, list[str]]:
     for key, (what, unit, scale, aim) in WAITING.items():
         before, now = (scale * found[key][when] for when in ("before", "now"))
         rows.append(f"| {what} | {before:.3g} {unit} | {now:.3g} {unit} | {now / before:.2f} | {aim} |")
-    seasons = [
-        "| season, 2 workers, decoding and start included | images/s of a core | aim | memory of a worker | aim |"
-    ]
-    seasons.append("|---|---:|---:|---:|---:|")
-    for kind, aim in (("mirror", 300), ("perspective", 180)):
-        one = found[kind]
-        whole = [whole for whole, _ in one["memory_mb"]]
-        memory = f"{whole[1]:.0f} MB in the second quarter, {whole[-1]:.0f} in the last"
-        rate = one["images"] / one["processor_s"]
-        seasons.append(f"| {kind} cameras, {one['images']} images | {rate:.0f} | {aim} | {memory} | 300 MB |")
     beside = f", {found['cores']} cores; others' programs beside it, load {found['load']:.0f}"
-    return {"speed": [f"{found['machine']}{beside}.", "", *rows, "", *seasons]}
+    return {"speed": [f"{found['machine']}{beside}.", "", *rows]}
 
 
 def _cm(metres: float) -> str:

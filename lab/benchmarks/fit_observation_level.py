@@ -1,12 +1,11 @@
 """Fits the figures of the observation level (`ObservationNoise`) to what the detector finds in rendered images.
 
-    python lab/benchmarks/fit_observation_level.py [--seconds 60] [--seeds 3] [--iris]
+    python lab/benchmarks/fit_observation_level.py [--seconds 60] [--seeds 3]
 
 Scenarios are rendered; in each image the points of `LinePointDetector` are paired, scan path by scan path, with the
 crossings of that path and the field's paint that `ObservedLines.crossings` works out from the true pose. What is paired
 says how often a crossing is found and how far off, what is left over which points are false. The figures follow by
 maximum likelihood (`found_ratio`, `error_px`), medians and counts; they are printed as they stand in `point_errors.py`.
---iris: those of `HsvLineDetector` instead, as they stand in `experiments/iris_runs.py`.
 """
 
 from __future__ import annotations
@@ -19,18 +18,16 @@ from operator import attrgetter
 
 import numpy as np
 from numba import njit
+from scipy.optimize import minimize
 
 from touchline.config import settings_rows
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import SelfLearningDetector, observe
-from touchline.published.iris_fusion.hsv_lines import HsvLineDetector
 from touchline.types import LinePoints
-from touchline_lab.experiments.iris_runs import IRIS_NOISE
 from touchline_lab.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN, inside_sector
 from touchline_lab.simulation.observation.goal_clutter import NET_PLACES, PLACES, GoalClutter, seen_thread
 from touchline_lab.simulation.observation.observed_lines import (
-    IRIS_PATHS,
     NO_BODIES,
     NO_SECTORS,
     ObservedLines,
@@ -38,7 +35,7 @@ from touchline_lab.simulation.observation.observed_lines import (
 )
 from touchline_lab.simulation.observation.point_errors import ObservationNoise, edge_shift, found_ratio
 from touchline_lab.simulation.observation.runs import BAR, DISC, LINE
-from touchline_lab.simulation.run import Eyes, Simulation
+from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
 SCENARIOS = ("straight-tracks", "match", "tour-20", "occlusion-50")
@@ -59,10 +56,10 @@ class Comparison:
     simulation: Simulation
 
 
-def detected(simulation: Simulation, iris: bool = False) -> Iterator[LinePoints]:
+def detected(simulation: Simulation) -> Iterator[LinePoints]:
     """What the detector finds in each image of a run, read with the camera that its eyes know."""
-    made, eyes = (HsvLineDetector if iris else SelfLearningDetector), simulation._eyes
-    detector = made(eyes.known or simulation.camera, line_width_m=simulation.field.line_width)
+    camera = simulation._eyes.known or simulation.camera
+    detector = SelfLearningDetector(camera, line_width_m=simulation.field.line_width)
     for frame in simulation:
         yield observe(frame, detector).points
 
@@ -132,21 +129,9 @@ def _wrapped(angle: FloatArray) -> FloatArray:
     return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
-def minimised(cost: Callable[[FloatArray], float], start: FloatArray, step: FloatArray, rounds: int = 60) -> FloatArray:
-    """The lowest place of a smooth function by steps along each axis that grow and shrink."""
-    best, lowest, steps = start.copy(), cost(start), step.copy()
-    for _ in range(rounds):
-        for axis in range(len(best)):
-            for sign in (1.0, -1.0):
-                trial = best.copy()
-                trial[axis] += sign * steps[axis]
-                value = cost(trial)
-                if value < lowest:
-                    best, lowest, steps[axis] = trial, value, 1.6 * sign * steps[axis]
-                    break
-            else:
-                steps[axis] *= 0.5
-    return best
+def minimised(cost: Callable[[FloatArray], float], start: FloatArray) -> FloatArray:
+    """The lowest place of a smooth function (Powell's method)."""
+    return np.atleast_1d(minimize(cost, start, method="Powell").x)
 
 
 @njit(cache=True)
@@ -169,7 +154,7 @@ def fit_names(rows: FloatArray, noise: ObservationNoise, names: Sequence[str]) -
         return noise.model_copy(update={name: float(v) for name, v in zip(names, limited, strict=True)})
 
     start = np.array([getattr(noise, name) for name in names])
-    best = minimised(lambda v: _likelihood(rows, changed(v).numbers(0.3, 0.01)), start, 0.1 * np.abs(start) + 1e-3, 25)
+    best = minimised(lambda v: _likelihood(rows, changed(v).numbers(0.3, 0.01)), start)
     return changed(best)
 
 
@@ -188,7 +173,7 @@ def fit_errors(rows: FloatArray, noise: ObservationNoise) -> ObservationNoise:
 
     names = ("noise_px", "tail", "oblique_sine", "thin_px", "grazed_factor", "mixed_factor")
     start = np.log([getattr(noise, name) for name in names])
-    best = np.exp(minimised(cost, start, np.full(6, 0.1)))
+    best = np.exp(minimised(cost, start))
     return noise.model_copy(update=dict(zip(names, map(float, best), strict=True)))
 
 
@@ -196,9 +181,7 @@ def fit_contrast(rows: FloatArray, noise: ObservationNoise) -> ObservationNoise:
     """How wide a line looks white."""
     plain = (rows[:, HIT] > 0.0) & (rows[:, 5] == LINE) & (rows[:, 10] == PLAIN)
     wide, seen = rows[plain, 7], rows[plain, CONFIDENCE]
-    contrast = minimised(
-        lambda v: float(np.mean(np.abs(seen - 1.0 + np.exp(-wide / abs(v[0]))))), np.array([1.5]), np.array([0.1])
-    )
+    contrast = minimised(lambda v: float(np.mean(np.abs(seen - 1.0 + np.exp(-wide / abs(v[0]))))), np.array([1.5]))
     return noise.model_copy(update={"contrast_px": float(abs(contrast[0]))})
 
 
@@ -234,14 +217,14 @@ def _repetition(way: float) -> float:
     return float(np.mean((weights(starts) * weights(starts + min(way, 5.0))).sum(axis=0)))
 
 
-def fit_strays(comparisons: Sequence[Comparison], noise: ObservationNoise, near: bool) -> ObservationNoise:
+def fit_strays(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
     """Points that lie on no line: at the goals of each kind, and elsewhere."""
     groups: dict[str, list[Comparison]] = {"white_goals": [], "coloured_goals": [], "covered_goals": []}
     for c in comparisons:
         free = "white_goals" if c.simulation.field.goals[0].color == "white" else "coloured_goals"
         groups["covered_goals" if len(c.simulation._black_rad) else free].append(c)
     clutter = {
-        name: fit_clutter(np.concatenate([goal_views(c) for c in group]), getattr(noise, name), near)
+        name: fit_clutter(np.concatenate([goal_views(c) for c in group]), getattr(noise, name))
         for name, group in groups.items()
         if group
     }
@@ -307,40 +290,28 @@ def _behind(at: FloatArray, pose: FloatArray, goal: Goal, half: float) -> np.nda
     return np.abs(pose[1] + share * (at[:, 1] - pose[1]) - 0.5 * sum(goal.y_posts)) < half
 
 
-def fit_clutter(views: FloatArray, clutter: GoalClutter, near: bool) -> GoalClutter:
-    """Numbers that fall with the distance, by maximum likelihood of Poisson counts; near: that of nets nearby, too."""
+def fit_clutter(views: FloatArray, clutter: GoalClutter) -> GoalClutter:
+    """Numbers that fall with the distance, by maximum likelihood of Poisson counts."""
 
     def limited(logs: FloatArray) -> FloatArray:
-        return np.maximum(np.exp(logs), (0.0, 1.0, 0.05, 0.0)[: len(logs)])  # nothing tells what is seen within 1 m
+        return np.maximum(np.exp(logs), (0.0, 1.0, 0.05))  # nothing tells what is seen within 1 m
 
     def cost(logs: FloatArray, column: int) -> float:
-        number, half, slope, *nearest = limited(logs)
+        number, half, slope = limited(logs)
         mean = views[:, 1 + column] * number / (1.0 + np.exp((views[:, 0] - half) / slope))
-        for near_m in nearest:
-            mean = mean / (1.0 + np.exp((near_m - views[:, 0]) / slope))
         return float(np.mean(mean + 1e-3 - views[:, 3 + column] * np.log(mean + 1e-3)))
 
-    values: list[float] = []
-    numbers = clutter.numbers()
+    values, numbers = list[float](), clutter.numbers()
     for column, start in enumerate((numbers[:3], numbers[4:])):
-        starts = [
-            [start[0], half_m, 0.5, *([0.6 * half_m] if near and column == 0 else [])] for half_m in (1.5, 3, 4.5)
-        ]
-        found = [
-            minimised(lambda logs, column=column: cost(logs, column), np.log(each), np.full(len(each), 0.1), 80)
-            for each in (start, *starts)
-            if min(each) > 0.0
-        ]
+        starts = [each for each in (start, *([start[0], half_m, 0.5] for half_m in (1.5, 3.0, 4.5))) if min(each) > 0.0]
+        found = [minimised(lambda logs, column=column: cost(logs, column), np.log(each)) for each in starts]
         best = limited(min(found, key=lambda logs, column=column: cost(logs, column)))
-        values += [*map(float, best), *([0.0] if column == 0 and len(best) == 3 else [])]
+        values += [*map(float, best), *([0.0] if column == 0 else [])]
     return GoalClutter(**dict(zip(GoalClutter.model_fields, values, strict=True)))
 
 
-def fit(comparisons: Sequence[Comparison], noise: ObservationNoise, near: bool = False) -> ObservationNoise:
-    """All figures but the gaps between lines, the coarseness of a body's outline and the head's height.
-
-    near: of detectors that take the threads of a net nearby for too wide.
-    """
+def fit(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
+    """All figures but the gaps between lines, the coarseness of a body's outline and the head's height."""
     rows = np.concatenate([c.rows for c in comparisons])
     noise = fit_repetition([c.rows for c in comparisons], noise)
     noise = fit_errors(rows, fit_contrast(rows, noise))
@@ -356,7 +327,7 @@ def fit(comparisons: Sequence[Comparison], noise: ObservationNoise, near: bool =
         noise = fit_names(bars, noise, ("bar_ratio", "bar_half_m", "bar_slope_m"))
     if len(marks) > 100:
         noise = fit_names(marks, noise, ("mark_ratio",))
-    return fit_strays(comparisons, noise, near)
+    return fit_strays(comparisons, noise)
 
 
 def main() -> None:
@@ -364,21 +335,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--iris", action="store_true")
     arguments = parser.parse_args()
-    before = IRIS_NOISE if arguments.iris else ObservationNoise()
-    comparisons = []
+    before, comparisons = ObservationNoise(), []
     for name in SCENARIOS:
         for seed in range(1, arguments.seeds + 1):
-            changes = ["ideal=true", *(["camera.rate_hz=2"] if arguments.iris else [])]
-            eyes = Eyes(IRIS_PATHS, IRIS_NOISE) if arguments.iris else None
-            simulation = Simulation(open_scenario(name, seed, arguments.seconds, changes), eyes=eyes)
-            comparisons.append(compare(simulation, detected(simulation, arguments.iris)))
+            simulation = Simulation(open_scenario(name, seed, arguments.seconds, ["ideal=true"]))
+            comparisons.append(compare(simulation, detected(simulation)))
             rows, strays = comparisons[-1].rows, comparisons[-1].strays
             images = len(comparisons[-1].poses)
             print(f"{name} {seed}: {images} images, {len(rows) / images:.1f} crossings each, of which "
                   f"{100 * rows[:, HIT].mean():.1f} % found, {len(strays) / images:.1f} other points")  # fmt: skip
-    after = fit(comparisons, before, near=arguments.iris)
+    after = fit(comparisons, before)
     for name, _, _ in settings_rows(ObservationNoise):
         old, new = (attrgetter(name)(noise) for noise in (before, after))
         print(f"{name:30s} {old:8.4f} -> {new:8.4f}")

@@ -1,14 +1,13 @@
 """`touchline live` in a process of its own, played to in real time: what is localised, how late, and after a kill.
 
     python lab/benchmarks/live_link.py [--seconds 120] [--rate 30] [--system nubot-mti] [--start]
-                                   [--kill-at 60 [--state]] [--late-ms 150] [--flood 2000] [--silent 10]
+                                   [--kill-at 60 [--state]] [--late-ms 150]
 
 The example's robot drives to and fro along its track: images, odometry and compass over UDP, poses back. Told are how
 many images were localised, the time from sending an image to its pose, and what of that is neither decoding nor
 localization; with --kill-at, how long after the kill, and after the first image that it answered, a new process was
-tracking, and how far off it was. With --start it is told where it begins, and has no compass. Troubles: images come so
-late, of which their stamps tell; so many datagrams a second of noise and of made-up names that claim the other end; and
-nothing is sent for so many seconds in the middle, while the robot goes on.
+tracking, and how far off it was. With --start it is told where it begins, and has no compass. With --late-ms
+images come so late, of which their stamps tell.
 """
 
 from __future__ import annotations
@@ -51,14 +50,12 @@ class Moment(NamedTuple):
 
 
 class Trouble(NamedTuple):
-    """kill_at_s: of the process, which is started again. late_s: images come so late. flood_hz: of noise and made-up
-    names. silent_s: nothing is sent, from the middle on. start: its place is told, and no compass. state: it is kept.
+    """kill_at_s: of the process, which is started again. late_s: images come so late. start: its place is told, and no
+    compass. state: it is kept.
     """
 
     kill_at_s: float = math.inf
     late_s: float = 0.0
-    flood_hz: float = 0.0
-    silent_s: float = 0.0
     start: bool = False
     state: bool = False
 
@@ -67,13 +64,12 @@ NO_TROUBLE = Trouble()
 
 
 class Played(NamedTuple):
-    """What came back. sent_s, answers: by stamp (ns); killed_s: when the first process was; silent_s: silence ended."""
+    """What came back. sent_s, answers: by stamp (ns); killed_s: when the first process was."""
 
     sent_s: dict[int, float]
     answers: dict[int, dict[str, Any]]
     truth: dict[int, tuple[float, float]]
     killed_s: float | None
-    silent_s: float | None = None
 
 
 def track(source: Recording) -> list[Moment]:
@@ -113,7 +109,6 @@ def play(seconds: float, rate_hz: float, system: str, trouble: Trouble = NO_TROU
     answers.bind(("127.0.0.1", 0))
     port, ended, played = _free_port(), threading.Event(), Played({}, {}, {}, None)
     listener = threading.Thread(target=_listen, args=(answers, played.answers, ended))
-    flood = threading.Thread(target=_flood, args=(port, trouble.flood_hz, ended))
     listener.start()
     with tempfile.TemporaryDirectory() as folder:
         kept = ["--state", f"{folder}/robot.json"] if trouble.state else []
@@ -122,20 +117,13 @@ def play(seconds: float, rate_hz: float, system: str, trouble: Trouble = NO_TROU
         robot, live = UdpRobot(("127.0.0.1", port)), Live(system, port, answers.getsockname()[1], told)
         try:
             begun_s = _wait_for_first(robot, there_and_back[0], played, not trouble.start)
-            flood.start()
-            late, silent = round(trouble.late_s * rate_hz), range(0)
-            if trouble.silent_s:
-                silent = range(int(0.5 * seconds * rate_hz), int((0.5 * seconds + trouble.silent_s) * rate_hz))
+            late = round(trouble.late_s * rate_hz)
             for k in range(1, int(seconds * rate_hz)):
                 time.sleep(max(begun_s + k / rate_hz - time.monotonic(), 0.0))
                 if played.killed_s is None and k / rate_hz >= trouble.kill_at_s:
                     live.kill()
                     played = played._replace(killed_s=time.monotonic())
                     live = Live(system, port, answers.getsockname()[1], kept)
-                if k == silent.stop:
-                    played = played._replace(silent_s=time.monotonic())
-                if k in silent:
-                    continue
                 stamps = [_FIRST_NS + each * round(1e9 / rate_hz) for each in (k, k - late)]
                 _send_samples(robot, there_and_back[k % len(there_and_back)], stamps[0], not trouble.start)
                 if k > late:
@@ -178,22 +166,6 @@ def _send_image(robot: UdpRobot, moment: Moment, stamp_ns: int, played: Played) 
     robot.send(Picture(stamp_ns, moment.image, None, None))
 
 
-def _flood(port: int, rate_hz: float, ended: threading.Event) -> None:
-    """Noise, and names that claim the other end, so often."""
-    rng = np.random.default_rng(0)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        while rate_hz and not ended.wait(0.01):
-            for _ in range(round(0.01 * rate_hz)):
-                name = {
-                    "kind": "evidence",
-                    "source": f"no {rng.integers(10**9)}",
-                    "probability": 0.99,
-                    "own_half": True,
-                }
-                data = json.dumps(name).encode() if rng.random() < 0.5 else rng.bytes(300)
-                sender.sendto(data, ("127.0.0.1", port))
-
-
 def _listen(answers: socket.socket, found: dict[int, dict[str, Any]], ended: threading.Event) -> None:
     answers.settimeout(0.1)
     while not ended.is_set():
@@ -218,7 +190,7 @@ def off_m(played: Played, stamp_ns: int) -> float:
 
 
 def tracking_again(played: Played, since_s: float | None) -> tuple[float, float, float] | None:
-    """How long after a kill or silence, and after the first image that was answered since, the first image was sent
+    """How long after a kill, and after the first image that was answered since, the first image was sent
     that was tracked, and how far off its pose was.
     """
     assert since_s is not None
@@ -237,12 +209,11 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=30.0)
     parser.add_argument("--system", default="nubot-mti")
     parser.add_argument("--kill-at", type=float, default=math.inf)
-    for name in ("late-ms", "flood", "silent"):
-        parser.add_argument(f"--{name}", type=float, default=0.0)
+    parser.add_argument("--late-ms", type=float, default=0.0)
     for name in ("start", "state"):
         parser.add_argument(f"--{name}", action="store_true")
     given = parser.parse_args()
-    trouble = Trouble(given.kill_at, 1e-3 * given.late_ms, given.flood, given.silent, given.start, given.state)
+    trouble = Trouble(given.kill_at, 1e-3 * given.late_ms, given.start, given.state)
     played = play(given.seconds, given.rate, given.system, trouble)
     decoding = []
     for moment in track(open_source(EXAMPLE)):
@@ -260,13 +231,11 @@ def main() -> None:
     tracked = [stamp for stamp, told in played.answers.items() if told["status"] == "tracking"]
     worst = max((off_m(played, stamp) for stamp in tracked), default=math.nan)
     print(f"tracking {len(tracked)} of them, at worst {worst:.3f} m off")
-    for what, since_s in (("kill", played.killed_s), ("silence", played.silent_s)):
-        again = None if since_s is None else tracking_again(played, since_s)
-        if again is not None:
-            print(f"tracking {again[0]:.2f} s after the {what}, {again[1]:.2f} s after the first image that was "
-                  f"answered since, {again[2]:.3f} m off")  # fmt: skip
-        elif since_s is not None:
-            print(f"never tracking again after the {what}")
+    again = None if played.killed_s is None else tracking_again(played, played.killed_s)
+    if again is not None:
+        print("tracking {:.2f} s after the kill, {:.2f} s after the first image since, {:.3f} m off".format(*again))
+    elif played.killed_s is not None:
+        print("never tracking again after the kill")
 
 
 if __name__ == "__main__":

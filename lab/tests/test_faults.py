@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 from collections import Counter
@@ -452,24 +451,6 @@ def test_a_laid_case_is_the_drive_without_it_but_for_the_fault() -> None:
     of = laid(case, 1, 3)
     assert not differing(of.clean, of.faulty, np.ones(len(of.clean.frames), np.bool_))
     assert of.faulty.prior is not None
-
-
-def test_a_threshold_is_exceeded_as_often_as_is_stated() -> None:
-    """Ten hours of statistics whose events are exponential, one a minute: those of one in an hour and one in ten."""
-    path = Path(__file__).parents[2] / "lab/benchmarks/integrity_thresholds.py"
-    spec = importlib.util.spec_from_file_location("integrity_thresholds", path)
-    assert spec is not None
-    assert spec.loader is not None
-    thresholds = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(thresholds)
-    rng, times_s = np.random.default_rng(0), np.arange(0.0, 36_000.0, 0.1)
-    values = 0.1 * rng.random(len(times_s))
-    values.reshape(-1, 600)[:, 300:312] = 0.1 + rng.exponential(0.1, (600, 1))
-    tail = thresholds.tail_of([(times_s, values)])
-    events = values[300::600]
-    assert np.count_nonzero(events > tail.threshold(1.0)) == pytest.approx(10, abs=5)
-    assert tail.rate(tail.threshold(10.0)) == pytest.approx(0.1)
-    assert tail.largest == pytest.approx(events.max())
 
 
 def test_faults_in_play_come_one_after_the_other_and_go() -> None:

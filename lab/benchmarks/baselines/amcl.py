@@ -25,7 +25,7 @@ CELL_M, MARGIN_M = 0.05, 2.0
 
 @dataclass(frozen=True)
 class Settings:
-    """Those that tuning.py chose, on robots 0 and 1 of ten rows of the suite."""
+    """Chosen by random search on robots 0 and 1 of ten rows of the suite."""
 
     sigma_m: float = 0.2  # of a point's distance to the nearest line
     random_ratio: float = 0.09  # z_rand of table 6.3

@@ -24,7 +24,7 @@ from exchange import Answer, Drive, Seen, composed, moved, run_all, wrapped
 
 @dataclass(frozen=True)
 class Settings:
-    """Those that tuning.py chose, on robots 0 and 1 of ten rows of the suite."""
+    """Chosen by random search on robots 0 and 1 of ten rows of the suite."""
 
     draws: int = 200
     fits_m: float = 0.12  # a marker fits within so much, and so much more per metre of distance

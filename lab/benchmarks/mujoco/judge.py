@@ -84,7 +84,7 @@ def row(system: str, walks: list[Walk]) -> str:
 def main() -> None:
     """What the head of this file says."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("hall", "percepts", "server"))
+    parser.add_argument("kind", choices=("hall", "percepts"))
     parser.add_argument("--walks", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)

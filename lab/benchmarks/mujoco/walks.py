@@ -1,11 +1,11 @@
 """A humanoid of RoboCup's MuJoCo soccer server walks: recordings with truth, of images or of the server's own percepts.
 
     python lab/benchmarks/mujoco/walks.py FOLDER --world hall [--field hsl-s-9x6] [--seconds 20] [--seed 0] [--calm]
-    python lab/benchmarks/mujoco/walks.py FOLDER --world percepts | server [--seconds 60] [--seed 0]
+    python lab/benchmarks/mujoco/walks.py FOLDER --world percepts [--seconds 60] [--seed 0]
 
 `hall` renders images along the walk and gives pushes; `percepts` is the server's simulation in this process, on its own
-field; `server` the same over TCP. Without --calm there are falls (the legs go limp; the robot gets up where it lies,
-turned) and, with percepts, kidnaps. Needs `pip install 'touchline[mujoco]'`.
+field. Without --calm there are falls (the legs go limp; the robot gets up where it lies, turned) and, with percepts,
+kidnaps. Needs `pip install 'touchline[mujoco]'`.
 
 The robot's sensors are as built, errors drawn per seed: joints' zeros, the IMU's lean (late, noisy, off), the gyro's
 bias, odometry by the standing leg's joints and the gyro, and kinematics of the camera whose roll, pitch, height and
@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 import yaml
 from gait import Gait, foot, rotation
-from worlds import CYCLE_S, HEAD, LEGS, OTHERS, POSTURE, InProcess, Percept, Server, Targets, World
+from worlds import CYCLE_S, HEAD, LEGS, OTHERS, POSTURE, InProcess, Percept, Targets, World
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose3, wrap_angle
@@ -267,7 +267,7 @@ def main() -> None:
     """What the head of this file says."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--world", choices=("hall", "percepts", "server"), required=True)
+    parser.add_argument("--world", choices=("hall", "percepts"), required=True)
     parser.add_argument("--field", default="hsl-s-9x6")
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=0)
@@ -281,12 +281,8 @@ def main() -> None:
         hall = Hall(open_field(given.field), np.random.default_rng([given.seed, 9]))
         record(hall, given.folder, given.seconds, given.seed, given.calm)
         hall.close()
-    elif given.world == "percepts":
-        record(InProcess(), given.folder, given.seconds, given.seed, given.calm)
     else:
-        given.folder.parent.mkdir(parents=True, exist_ok=True)
-        with Server(given.folder.parent) as server:
-            record(server, given.folder, given.seconds, given.seed, given.calm)
+        record(InProcess(), given.folder, given.seconds, given.seed, given.calm)
 
 
 if __name__ == "__main__":

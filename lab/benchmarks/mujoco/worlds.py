@@ -1,4 +1,4 @@
-"""Where the robot walks: RoboCup's MuJoCo soccer server over TCP, the same in this process, a hall that is rendered.
+"""Where the robot walks: the simulation of RoboCup's MuJoCo soccer server in this process, or a hall that is rendered.
 
 Each has `step`, 20 ms of physics with targets of the joints, and `place`, which puts the robot down. What comes back is
 what the server tells its players: joints, gyro, the torso's true pose, and the markers of its field.
@@ -9,19 +9,11 @@ from __future__ import annotations
 import math
 import os
 import re
-import socket
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from typing_extensions import Self
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # it is read when MuJoCo is imported first
 
@@ -176,81 +168,6 @@ class InProcess:
 
     def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
         """Put the robot down, upright."""
-        for command in SoccerCommandParser().parse(place_command(x_m, y_m, heading_rad)):
+        where = f"{x_m:.4f} {y_m:.4f} 0.6735 {math.degrees(heading_rad):.3f}"
+        for command in SoccerCommandParser().parse(f"(agent (unum 1) (team {TEAM}) (move {where}))".encode()):
             command.perform(self._sim)
-
-
-def place_command(x_m: float, y_m: float, heading_rad: float) -> bytes:
-    """What a monitor sends to move the player."""
-    where = f"{x_m:.4f} {y_m:.4f} 0.6735 {math.degrees(heading_rad):.3f}"
-    return f"(agent (unum 1) (team {TEAM}) (move {where}))".encode()
-
-
-class Server:
-    """The server as a process of its own, stepped over TCP: a message is four bytes of length and S-expressions."""
-
-    def __init__(self, folder: Path, port: int = 60000) -> None:
-        self.field = server_field()
-        switches = ("--no-render", "--no-realtime", "--sync", "--field", SERVER_FIELD)
-        ports = ("--aport", str(port), "--mport", str(port + 1))
-        command = [sys.executable, "-m", "rcsssmj", *switches, *ports]
-        self._process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self._monitor = _connected(port + 1)
-        threading.Thread(target=_drain, args=(self._monitor,), daemon=True).start()
-        time.sleep(1.0)  # one that a player joins in its first cycle fails
-        self._agent = _connected(port)
-        _send(self._agent, f"(init {MODEL} {TEAM} 1)".encode())
-        self._last = parse(_received(self._agent))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._agent.close()
-        self._monitor.close()
-        self._process.terminate()
-        self._process.wait(10)
-
-    def step(self, targets: Targets) -> Percept:
-        """20 ms on."""
-        _send(self._agent, message(targets))
-        return parse(_received(self._agent))
-
-    def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
-        """Put the robot down, upright."""
-        _send(self._monitor, place_command(x_m, y_m, heading_rad))
-
-
-def _connected(port: int) -> socket.socket:
-    for _ in range(200):
-        try:
-            return socket.create_connection(("127.0.0.1", port), timeout=60.0)
-        except ConnectionRefusedError:
-            time.sleep(0.1)
-    raise SystemExit(f"the server does not answer on port {port}")
-
-
-def _send(link: socket.socket, data: bytes) -> None:
-    link.sendall(len(data).to_bytes(4, "big") + data)
-
-
-def _drain(link: socket.socket) -> None:
-    """Read what a monitor is sent, or the server waits for it."""
-    with suppress(OSError):
-        while link.recv(1 << 16):
-            pass
-
-
-def _received(link: socket.socket) -> bytes:
-    size = int.from_bytes(_exactly(link, 4), "big")
-    return _exactly(link, size)
-
-
-def _exactly(link: socket.socket, size: int) -> bytes:
-    data = b""
-    while len(data) < size:
-        more = link.recv(size - len(data))
-        if not more:
-            raise SystemExit("the server has closed the connection")
-        data += more
-    return data

@@ -13,7 +13,6 @@ from touchline.geometry import BoolArray, FloatArray
 from touchline_lab.experiments.drives import Track
 
 COST_MAX_M, COST_WRONG_M = 1.0, 3.0  # of an image that is not tracked or farther off; of one that is wrong and tracked
-COVERED = 7.814728  # chi-square, three degrees of freedom, 95 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +71,8 @@ def nearer_ends(track: Track, moments_s: Sequence[float]) -> Track:
 
 def score_of(track: Track, moments_s: Sequence[float], either_end: bool = False) -> DriveScore:
     """The figures of a drive."""
+    from scipy.stats import chi2
+
     if either_end:
         track = nearer_ends(track, moments_s)
     distances = np.nan_to_num(track.distances_m, nan=np.inf)
@@ -93,7 +94,7 @@ def score_of(track: Track, moments_s: Sequence[float], either_end: bool = False)
         wrong_times=int(np.count_nonzero(np.diff(wrong.astype(np.int8), prepend=0) == 1)),
         recover_s=tuple(_recovered(track.found, times_s, moment) for moment in moments_s),
         nees=float(squares.mean()) / 3.0 if len(squares) else math.nan,
-        covered=float(np.mean(squares <= COVERED)) if len(squares) else math.nan,
+        covered=float(np.mean(chi2.cdf(squares, 3) <= 0.95)) if len(squares) else math.nan,
         cost_m=float(costs_m(track).mean()),
     )
 
@@ -118,7 +119,7 @@ class Interval(NamedTuple):
     high: float
 
 
-def over_robots(values: Sequence[float], statistic: Any = np.median) -> Interval:
+def over_robots(values: Sequence[float] | FloatArray, statistic: Any = np.median) -> Interval:
     """A statistic over robots, its interval by BCa bootstrap (Efron 1987), robots drawn anew with replacement; by plain
     percentiles where BCa is not defined, none for one robot and for values that are not finite.
     """

@@ -52,7 +52,6 @@ class Kept(NamedTuple):
 _KEPT: ContextVar[Kept | None] = ContextVar("kept", default=None)
 _FIRST_SEED: ContextVar[int] = ContextVar("first seed", default=0)
 _WORKERS: ContextVar[Workers] = ContextVar("workers", default=Here())  # noqa: B039  # it holds nothing
-_DRAWS = 2000
 PAGE = "results.md"
 _MAX_BYTES = 10_000_000
 _MAX_KEPT = 500_000_000
@@ -283,18 +282,12 @@ def share_text(share: float) -> str:
 
 def interval(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
     """Mean over robots and, in brackets, where it lies with 95 %: by bootstrap, robots drawn anew with replacement."""
+    from touchline_lab.bench.scoring import over_robots
+
     if len(values) < 2:
         return spread(values, decimals)
-    mean, low, high = mean_interval(values)
+    mean, low, high = over_robots(values, np.mean)
     return f"{mean:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
-
-
-def mean_interval(values: Sequence[float] | FloatArray) -> tuple[float, float, float]:
-    """Mean of one value or more, and where it lies with 95 %, by bootstrap."""
-    numbers = np.asarray(values, dtype=np.float64)
-    drawn = np.random.default_rng(0).choice(numbers, (_DRAWS, len(numbers))).mean(axis=1)
-    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
-    return float(numbers.mean()), low, high
 
 
 def rate(successes: int, tries: int) -> str:

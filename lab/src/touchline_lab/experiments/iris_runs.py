@@ -159,7 +159,7 @@ def missed_note(*runs: Mapping[str, Sequence[IrisDrive]]) -> tuple[str, ...]:
 
 DIRECTIONS = 24
 MARK_NOISE_PX = 0.3
-# How HsvLineDetector errs on rendered images: `lab/benchmarks/fit_observation_level.py --iris`
+# How HsvLineDetector errs on rendered images
 IRIS_NOISE = ObservationNoise(
     noise_px=0.0509, tail=1.056, oblique_sine=0.407, thin_px=0.271, kept_ratio=0.947, phase_px=0.3,
     found_ratio=0.977, thin_half_px=0.931, thin_slope_px=0.0714, coarse_half_m=0.2787, coarse_slope_m=0.0037,

@@ -23,7 +23,6 @@ ROBOTS = 10  # per seed
 SECONDS, FROM_S = 20.0, 5.0  # of a drive; errors count from here on
 LINE_S, LINE_END_S = 8.0, 18.0
 DEGREES_OF_FREEDOM = 3
-COVERED = 7.815  # 95 % quantile of chi square with 3 degrees of freedom
 LARGER = 3.0
 _FOUR = "camera.black_sectors_deg=[[22.5,67.5],[112.5,157.5],[202.5,247.5],[292.5,337.5]]"
 
@@ -121,13 +120,15 @@ def honesty(condition: Condition, system: str, seed: int) -> Honesty:
 
 def honesty_of(track: Track, counted_s: tuple[float, float]) -> Honesty:
     """What a system's covariances are worth, in the time that counts."""
+    from scipy.stats import chi2
+
     kept, share = track.tracked_from(*counted_s)
     if not share:
         return Honesty(*4 * (float("nan"),), 0.0)
     squares = kept.squares
     return Honesty(
         float(squares.mean()) / DEGREES_OF_FREEDOM,
-        float(np.mean(squares < COVERED)),
+        float(np.mean(chi2.cdf(squares, DEGREES_OF_FREEDOM) < 0.95)),
         float(kept.distances_m.mean()),
         float(np.sqrt(np.mean(kept.deviations_m**2))),
         share,

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline import palette
+from touchline_lab.bench.scoring import over_robots
 from touchline_lab.experiments import drives, lighting, own_points
 from touchline_lab.experiments.drives import Drive, Kidnapped, Track, drive_of, driven, followed, kidnaps_of, longest
 from touchline_lab.experiments.harness import (
@@ -24,7 +25,6 @@ from touchline_lab.experiments.harness import (
     computed,
     gathered,
     interval,
-    mean_interval,
     rate,
     seed_range,
 )
@@ -220,7 +220,7 @@ def _paper_rows(conditions: Sequence[Condition], runs: Runs) -> list[Row]:
 def _is_less(differences: npt.NDArray[np.float64]) -> bool:
     """Whether the mean of differences lies below 0 with 95 %; a robot that the other never found counts for us."""
     known = differences[np.isfinite(differences)]
-    return not len(known) or mean_interval(known)[2] < 0.0
+    return not len(known) or over_robots(known, np.mean).high < 0.0
 
 
 def _picture(runs: Runs) -> Figure:

@@ -61,7 +61,6 @@ VIEWS = (
     View("a sector of 120°", angle_rad=math.radians(120.0)),
 )
 WAYS = {"init": "from a pose near by", "compass": "from a compass alone", "none": "from nothing"}
-WITHIN2 = 11.34  # squared Mahalanobis distance within which 99 % of a normal distribution of three dimensions lie
 SURE = (0.85, 0.95)  # probability of the modes that are looked at
 
 
@@ -266,10 +265,12 @@ def _stands_for(mode: Mode, pose: Pose) -> bool:
     """Whether a mode is near a pose or its twin, or has it within what it says it does not know: 99 % of its normal
     distribution. A lone line tells no place along it, and one mode stands for all.
     """
+    from scipy.stats import chi2
+
     for end in (pose, pose.mirrored()):
         residual = end.as_array() - mode.pose.as_array()
         residual[2] = wrap_angle(float(residual[2]))
-        if float(residual @ np.linalg.solve(mode.covariance, residual)) < WITHIN2:
+        if chi2.cdf(residual @ np.linalg.solve(mode.covariance, residual), 3) < 0.99:
             return True
     return _is_near(mode.pose, pose)
 

@@ -21,7 +21,7 @@ from touchline.localization.registration.joint import Ground, Seen, StateFit, St
 from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all, register_placed
 
 # at four standard deviations a point has a quarter of its weight left: 1.11 of the bound on point sets for tuning, at
-# three and at six 1.14 (lab/benchmarks/registration_constants.py)
+# three and at six 1.14
 GATE2 = 16.0
 FLOOR_M = 0.01  # standard deviation that no point falls below: carpet, paint, the map's own error
 # density of clutter along a line's normal (1/m), against that of points of lines: one point in ten within 6 m is none

@@ -58,5 +58,5 @@ class FeatureNoise(Settings):
     height_m: float = Field(0.8, gt=0, description="height of the view: how far bodies hide the ground")
 
 
-# Of a humanoid's camera, fitted to nimbro-lines' detector by `lab/benchmarks/fit_features.py`.
+# Of a humanoid's camera, fitted to what nimbro-lines' detector finds in rendered images.
 PINHOLE_FEATURES = FeatureNoise(**read_yaml_mapping(Path(__file__).with_name("pinhole_features.yaml")))

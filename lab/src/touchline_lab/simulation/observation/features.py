@@ -2,8 +2,8 @@
 
 What a humanoid's camera shows of the field is worked out with its real image: lines thinner there than a pixel are not
 seen, crossings need the ground about them. How often the rest is found and how well it is placed comes from rendered
-images (`lab/benchmarks/fit_features.py`). For a camera with a mirror no such detector exists; its crossings were
-measured on the line points of `LinePointDetector` (`lab/benchmarks/fit_crossings.py`).
+images. For a camera with a mirror no such detector exists; its crossings were measured
+on the line points of `LinePointDetector`.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,12 @@ import numpy as np
 from touchline.sources.bags.roles import DETECTION_TOPIC
 from touchline.sources.bags.standard import BASE, StandardMessages
 from touchline.sources.bags.with_rosbags import Codec
-from touchline.types import CrossingKind, Crossings, LandmarkKind, Observation
+from touchline.sources.bags.writing import McapWriter
+from touchline.types import CrossingKind, Crossings, LandmarkKind, Observation, Samples
+from touchline_lab.experiments.drives import Drive
+
+EPOCH_NS = 1_763_780_000_000_000_000  # the clock of the bags
+LATE_NS, JITTER_NS = 60_000_000, 3_000_000  # of the vision; of what comes without a stamp
 
 SEGMENTS_TOPIC = "/booster_soccer/line_segments"
 ODOMETER_TOPIC, HEAD_TOPIC, LOW_STATE_TOPIC = "/odometer_state", "/head_pose", "/low_state"
@@ -177,3 +183,32 @@ class TeamMessages:
 
     def _confidence(self, sure: float) -> Any:
         return self._make("soccer_vision_attribute_msgs/msg/Confidence", confidence=float(sure))
+
+
+def write_bag(walked: Drive, path: Path, seed: int) -> None:
+    """A walk as an MCAP file of the robot's own topics."""
+    codec, rng = Codec(), np.random.default_rng([seed, 41])
+    make, writer = TeamMessages(codec), McapWriter(path, codec)
+    found: list[tuple[int, str, str, Any]] = []
+    for frame in walked.frames:
+        stamp_ns = EPOCH_NS + frame.stamp_ns
+        seen = frame.observation or Observation(frame.stamp_ns)
+        for each in make.booster(stamp_ns, seen):
+            found.append((stamp_ns + LATE_NS, *each))
+        for t, row in _rows(frame.odometry):
+            found.append((_received(t, rng), *make.odometer(*row)))
+        tilt = dict(_rows(frame.tilt))
+        for t, rates in _rows(frame.gyro):
+            found.append((_received(t, rng), *make.low_state((*tilt.get(t, (0.0, 0.0)), 0.0), rates)))
+    for log_ns, topic, kind, message in sorted(found, key=lambda each: each[0]):
+        writer.write(topic, kind, log_ns, codec.encode(kind, message))
+    writer.close()
+
+
+def _received(stamp_ns: int, rng: np.random.Generator) -> int:
+    return EPOCH_NS + stamp_ns + round(rng.exponential(JITTER_NS))
+
+
+def _rows(samples: Samples | None) -> Iterator[tuple[int, list[float]]]:
+    if samples is not None:
+        yield from zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True)
