@@ -18,6 +18,7 @@ from touchline.cli import (
     locate,
     mark,
     run,
+    season,
     simulate,
     systems,
     tune,
@@ -37,6 +38,7 @@ app = typer.Typer(
 )
 app.command("demo")(run.demo)
 app.command("run", cls=ViewCommand)(run.run)
+app.command("season")(season.season)
 app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(evaluate.compare)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from touchline.evaluation.protection import stanford_diagram
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.runner import Thumbnail, said_text
+from touchline.evaluation.summary import RunSummary
 from touchline.evaluation.timeline import (
     MODE_COLORS,
     dot_colors,
@@ -50,13 +50,13 @@ class Picture:
 
 def write_report(
     folder: Path,
-    summary: dict[str, Any],
+    summary: RunSummary,
     data: RunData,
     errors: ErrorTable | None,
     pictures: Iterable[Picture] = (),
     thumbnails: Sequence[Thumbnail] = (),
 ) -> Path:
-    """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path.
+    """Write report.html into the folder of a run; Returns its path.
 
     thumbnails: small pictures of images throughout the run, that the slider shows.
 
@@ -76,42 +76,42 @@ def write_report(
         _settings(summary),
         _footer(summary),
     ]
-    title = f"{summary['recording']['name']} · {summary['system']} · Touchline"
+    title = f"{summary.recording.name} · {summary.system} · Touchline"
     page = html_page(title, sections, _page_data(data, thumbnails, summary) if shows_time else None)
     path = folder / REPORT
     replace_file(path, page.encode(errors="replace"))  # a name may be no UTF-8
     return path
 
 
-def _header(summary: dict[str, Any]) -> str:
-    recording, name = summary["recording"], html.escape(summary["recording"]["name"])
+def _header(summary: RunSummary) -> str:
+    recording, name = summary.recording, html.escape(summary.recording.name)
     ended = {
         "complete": "",
         "interrupted": "The run was interrupted; this is what was done until then.",
-        "failed": f"The run failed: {summary.get('failure')}. This is what was done until then.",
-    }[summary["ended"]]
+        "failed": f"The run failed: {summary.failure}. This is what was done until then.",
+    }[summary.ended]
     notes = "".join(f'<p class="warning">{html.escape(text)}</p>' for text in (ended, other_side_text(summary)) if text)
     facts = [
-        f"system <strong>{html.escape(summary['system'])}</strong>",
-        f"field {html.escape(str(recording['field']))}",
-        f"{counted(summary['frames'], 'image')} in {summary['duration_s']:.1f} s",
-        html.escape(str(summary["started"])[:16].replace("T", " ")),
+        f"system <strong>{html.escape(summary.system)}</strong>",
+        f"field {html.escape(recording.field)}",
+        f"{counted(summary.frames, 'image')} in {summary.duration_s:.1f} s",
+        html.escape(summary.started[:16].replace("T", " ")),
     ]
-    description = html.escape(str(recording.get("description") or ""))
+    description = html.escape(recording.description)
     return (
         f"<header><p class='brand'>Touchline</p><h1>{name}</h1><p class='facts'>{' · '.join(facts)}</p>"
         f"<p class='description'>{description}</p>{notes}</header>"
     )
 
 
-def other_side_text(summary: dict[str, Any]) -> str:
+def other_side_text(summary: RunSummary) -> str:
     """That the side of the field is unknown, how sure it is, and what to do; empty if it is known."""
-    found, prior = summary["either_side"], summary["prior"]
-    if not found["count"]:
+    found, prior = summary.either_side, summary.prior
+    if not found.count or found.other_pose is None:
         return ""
-    pose, twin = pose_text(Pose(*found["other_pose"])), found["probability"]
-    images = f"in {found['count']} of {counted(summary['frames'], 'image')}"
-    if prior["pose"] is None and not prior["own_half"]:
+    pose, twin = pose_text(Pose(*found.other_pose)), found.probability
+    images = f"in {found.count} of {counted(summary.frames, 'image')}"
+    if prior.pose is None and not prior.own_half:
         sure = "" if twin is None else f"; there with {100 * twin:.0f} %"
         return (
             f"{images} the robot may as well stand at the other end of the field (the other: at last {pose}{sure}); "
@@ -124,16 +124,16 @@ def other_side_text(summary: dict[str, Any]) -> str:
     )
 
 
-def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: dict[str, Any]) -> str:
+def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: RunSummary) -> str:
     rows = shown_rows(data)
     spent_ms = (data.table.perception_ms + data.table.localization_ms).astype(np.float64)
     truth = truth_tree(data, rows)
     runs = [run_tree("estimate", data, rows), *([] if truth is None else [truth])]
-    times = latency_tree(spent_ms, summary["latency_ms"])
+    times = latency_tree(spent_ms, summary.latency_ms)
     return page_data(data, error_charts(data, rows), runs, rows, thumbnails, times)
 
 
-def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunData) -> str:
+def _key_figures(summary: RunSummary, errors: ErrorTable | None, data: RunData) -> str:
     tiles: list[tuple[str, str, str]] = _kidnap_tiles(data)
     tracked = data.tracked_errors()
     if errors is not None:
@@ -149,17 +149,17 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunDa
             (f"mean |heading|{which}", f"{math.degrees(heading.mean):.2f}", "°"),
             (f"largest position error{which}", f"{100 * position.max:.1f}", "cm"),
         ]
-    frames = summary["frames"]
+    frames = summary.frames
     if frames:
-        tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
+        tiles.append(("images tracked", f"{100 * summary.status['tracking'] / frames:.1f}", "%"))
     for label, values in (("of the pose", data.table.probability), ("of its twin", data.table.twin_probability)):
         if not np.isnan(values).all():
             tiles.append((f"probability {label}, median", f"{100 * np.nanmedian(values):.1f}", "%"))
-    latency, left_out = summary["latency_ms"]["total"], summary["latency_ms"]["first_left_out"]
-    if latency["median"] is not None:
+    latency, left_out = summary.latency_ms.total, summary.latency_ms.first_left_out
+    if latency.median is not None and latency.p99 is not None:
         which = f", first {left_out} left out" if left_out else ""
-        tiles.append((f"time per image, median{which}", milliseconds(latency["median"]), "ms"))
-        tiles.append((f"time per image, p99{which}", milliseconds(latency["p99"]), "ms"))
+        tiles.append((f"time per image, median{which}", milliseconds(latency.median), "ms"))
+        tiles.append((f"time per image, p99{which}", milliseconds(latency.p99), "ms"))
     cells = "".join(
         f"<div class='tile'><dt>{label}</dt><dd>{value}<span>{'' if unit == '°' else ' '}{unit}</span></dd></div>"
         for label, value, unit in tiles
@@ -183,9 +183,9 @@ def _kidnap_tiles(data: RunData) -> list[tuple[str, str, str]]:
     return tiles
 
 
-def _error_table(errors: ErrorTable | None, summary: dict[str, Any], data: RunData) -> str:
+def _error_table(errors: ErrorTable | None, summary: RunSummary, data: RunData) -> str:
     if errors is None:
-        why = summary["why_no_errors"]
+        why = summary.why_no_errors
         return f"<section><h2>Errors</h2><p>{html.escape(why[:1].upper() + why[1:])}.</p></section>"
     head = "".join(f"<th>{title}</th>" for title in COLUMNS)
     printed = [*tracked_rows(data.tracked_errors()), *errors.rows()]
@@ -263,11 +263,11 @@ def _source(kind: str, data: bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def _latency(data: RunData, summary: dict[str, Any]) -> str:
+def _latency(data: RunData, summary: RunSummary) -> str:
     if not len(data.table):
         return ""
     caption = "Perception and localization together, without reading and decoding. "
-    caption += _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"])
+    caption += _of_the_start(summary.latency_ms.first_left_out, summary.learns_colours)
     drawing = "<div id='histogram' role='img' aria-label='Histogram of the time per frame'></div>"
     figure = f"<figure class='histogram'>{drawing}<figcaption>{caption}</figcaption></figure>"
     return f"<section><h2>Latency</h2>{figure}</section>"
@@ -294,36 +294,36 @@ def _gallery(pictures: Iterable[Picture]) -> str:
     return f"<section><h2>Images</h2><div class='gallery'>{''.join(items)}</div></section>" if items else ""
 
 
-def _problems(summary: dict[str, Any]) -> str:
-    problems = summary["problems"]
-    if not problems["counts"]:
+def _problems(summary: RunSummary) -> str:
+    problems = summary.problems
+    if not problems.counts:
         return "<section><h2>Problems of the recording</h2><p>None were found while reading it.</p></section>"
-    counts = "".join(f"<li>{count} × {html.escape(kind)}</li>" for kind, count in problems["counts"].items())
-    lines = "".join(f"<li>{html.escape(message)}</li>" for message in problems["messages"])
+    counts = "".join(f"<li>{count} × {html.escape(kind)}</li>" for kind, count in problems.counts.items())
+    lines = "".join(f"<li>{html.escape(message)}</li>" for message in problems.messages)
     return (
         f"<section><h2>Problems of the recording</h2><ul>{counts}</ul>"
-        f"<details><summary>The first {len(problems['messages'])}</summary><ol class='small'>{lines}</ol></details>"
+        f"<details><summary>The first {len(problems.messages)}</summary><ol class='small'>{lines}</ol></details>"
         "</section>"
     )
 
 
-def _said(summary: dict[str, Any]) -> str:
+def _said(summary: RunSummary) -> str:
     """What the system said while it ran; nothing where it said nothing."""
-    if not summary["said"]:
+    if not summary.said:
         return ""
-    lines = "".join(f"<li>{html.escape(said_text(one))}</li>" for one in summary["said"])
+    lines = "".join(f"<li>{html.escape(said_text(one))}</li>" for one in summary.said)
     return f"<section><h2>What the system said</h2><ol class='small'>{lines}</ol></section>"
 
 
-def _settings(summary: dict[str, Any]) -> str:
+def _settings(summary: RunSummary) -> str:
     rows = "".join(
         f"<tr><th>{html.escape(key)}</th><td>{html.escape(str(value))}</td></tr>"
-        for key, value in leaves(summary["settings"]).items()
+        for key, value in leaves(summary.settings).items()
     )
     table = f"<div class='scroll'><table>{rows}</table></div>"
     return f"<section><h2>Settings</h2><details><summary>All of this run</summary>{table}</details></section>"
 
 
-def _footer(summary: dict[str, Any]) -> str:
-    versions = " · ".join(f"{html.escape(name)} {html.escape(str(v))}" for name, v in summary["versions"].items())
-    return f"<footer>seed {summary['seed']} · {html.escape(str(summary['cpu']))} · {versions}</footer>"
+def _footer(summary: RunSummary) -> str:
+    versions = " · ".join(f"{html.escape(name)} {html.escape(v)}" for name, v in summary.versions.items())
+    return f"<footer>seed {summary.seed} · {html.escape(summary.cpu)} · {versions}</footer>"
