@@ -57,7 +57,7 @@ def measure(recordings: list[Path], count: int, workers: int, folder: Path) -> S
     for k, link in enumerate(links):
         link.symlink_to(recordings[k % len(recordings)].resolve())
     season.write_text("\n".join(map(str, links)))
-    command = [sys.executable, "-m", "touchline", "run", str(season), "--output", str(folder / "runs")]
+    command = [sys.executable, "-m", "touchline", "season", str(season), "--output", str(folder / "runs")]
     before, begun_s, sizes = os.times(), time.perf_counter(), []
     with (folder / "said.txt").open("w") as said:
         command += ["--workers", str(workers), "--report", "none"]

@@ -511,11 +511,9 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
         for path in sorted(PACKAGE.rglob("*.py"))
         if (names := list(untrusted(path.read_text(encoding="utf-8"))))
     }
-    # a localizer of the user's own, named on the command line: no file says what is started
-    # and a page to mark images on, on the loopback alone; the viewer that is an extra, and its page, there, too
+    # a page to mark images on, on the loopback alone; the viewer that is an extra, and its page, there, too
     assert found == {
         "view/marking/server.py": ["http.server"],
-        "evaluation/outside_program.py": ["subprocess"],
         "live/bridge.py": ["socket"],
         "live/udp.py": ["socket"],
         "view/viewer/page_server.py": ["http.client", "http.server"],

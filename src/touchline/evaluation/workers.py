@@ -9,10 +9,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
 from typing import Any, TypeVar
 
 from touchline.compiling import leave_out_c_wrappers, load_loops_lean
@@ -38,18 +36,16 @@ class Workers:
 
         Raises what a task raises, and TouchlineError if a worker is killed.
         """
-        parent = os.getpid() if self.client is None else None
-        in_worker = partial(_in_worker, function, parent)
         if self.client is not None:
-            results = _on_cluster(self.client, in_worker, tasks, ordered)
+            results = _on_cluster(self.client, function, tasks, ordered)
         elif self.count > 1:
-            results = _in_processes(self.count, in_worker, tasks, ordered)
+            results = _in_processes(self.count, function, tasks, ordered)
         else:
             results = map(function, tasks)
         try:
             yield from results
         except Exception as error:
-            if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
+            if type(error).__name__ in ("TerminatedWorkerError", "KilledWorker"):  # joblib's and Dask's
                 raise TouchlineError(_KILLED) from None
             raise
 
@@ -59,8 +55,9 @@ def _in_processes(
 ) -> Iterator[Result]:
     from joblib import Parallel, delayed, parallel_config
 
+    kind = "generator" if ordered else "generator_unordered"
     with parallel_config("loky", n_jobs=count, inner_max_num_threads=1):
-        parallel = Parallel(return_as="generator" if ordered else "generator_unordered", batch_size=1, max_nbytes=None)
+        parallel = Parallel(return_as=kind, batch_size=1, max_nbytes=None, initializer=_begin_worker)
     results = parallel(delayed(function)(task) for task in tasks)
     try:
         for result in results:  # noqa: UP028  # yield from would close them before the warnings are off
@@ -83,25 +80,22 @@ def _on_cluster(
         future.release()  # the cluster need not keep the result until the last one is there
 
 
-def _in_worker(function: Callable[[Task], Result], parent: int | None, task: Task) -> Result:
-    _begin_worker(parent)
-    return function(task)
+def _begin_worker() -> None:
+    """Ctrl-C is for the process that started it; if that is killed, nobody waits for this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    _prepare_loops()
 
 
-@cache
-def _begin_worker(parent: int | None) -> None:
-    """Set up a worker at its first task. parent: the process that started it; None on a cluster.
-
-    Ctrl-C is for the parent. If the parent is killed, nobody waits for the worker.
-    """
+def _prepare_loops() -> None:
     leave_out_c_wrappers()
     take_packed_loops()
     load_loops_lean()
-    if parent is None:
-        os.environ.setdefault("NUMBA_OPT", "1")  # as the commands do; Dask itself keeps BLAS to one thread
-    else:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _begin_cluster_worker() -> None:
+    os.environ.setdefault("NUMBA_OPT", "1")  # as the commands do; Dask itself keeps BLAS to one thread
+    _prepare_loops()
 
 
 def _end_with(parent: int) -> None:
@@ -132,4 +126,5 @@ def open_workers(count: int | None = 1, dask: str | None = None) -> Iterator[Wor
     except (OSError, ValueError) as error:
         raise InputError(f"--dask {dask}: no scheduler answers there ({error}); expected tcp://HOST:PORT") from None
     with client:
+        client.register_worker_callbacks(_begin_cluster_worker)
         yield Workers(-1, client)
