@@ -153,10 +153,10 @@ def test_only_the_same_command_resumes(
     localize_all(game, out, COMMAND, HERE)
     localize_all(game, out, Command("nubot-mti"), HERE)  # another report is the same command
     assert noted == [NAMES[1]]
-    with pytest.raises(InputError, match="is of another command \\(other --seed\\)"):
+    with pytest.raises(InputError, match="is of another command \\(seed 0, here 7\\)"):
         localize_all(game, out, Command("nubot-mti", seed=7), HERE)
     monkeypatch.setattr("touchline.season.runs.version", lambda name: "77")
-    with pytest.raises(InputError, match=r"other --set; touchline [\d.a-z]+, here 77; numpy .*, here 77; numba"):
+    with pytest.raises(InputError, match=r"overrides \[\], .*; touchline [\d.a-z]+, here 77; numpy .*, here 77; numba"):
         localize_all(game, out, Command("nubot-mti", overrides=("line_points.circles=20",)), HERE)
 
 

@@ -120,13 +120,10 @@ def fetched(recording: str) -> Iterator[Path]:
     if not is_address(recording):
         yield Path(recording)
         return
-    system, path = open_store(recording)
     with TemporaryDirectory() as scratch:
-        target = Path(scratch) / path.rsplit("/", 1)[-1]
-        try:
+        with opened(recording, "fetched") as (system, path):
+            target = Path(scratch) / path.rsplit("/", 1)[-1]
             system.get(path, str(target), recursive=True)
-        except Exception as error:  # each store has its own
-            raise TouchlineError(f"{recording}: cannot be fetched ({type(error).__name__}: {error})") from None
         try:
             yield target
         except TouchlineError as error:
@@ -135,14 +132,21 @@ def fetched(recording: str) -> Iterator[Path]:
 
 def upload(folder: Path, address: str) -> None:
     """Copy a folder to an address, in place of an older one. Raises TouchlineError if it cannot be written."""
-    system, path = open_store(address)
-    try:
+    with opened(address, "written") as (system, path):
         if system.exists(path):
             system.rm(path, recursive=True)
         system.makedirs(path.rpartition("/")[0], exist_ok=True)
         system.put(str(folder), path, recursive=True)
+
+
+@contextmanager
+def opened(address: str, what: str) -> Iterator[tuple[Any, str]]:
+    """An address's file system and the path in it. Errors within the block become a TouchlineError: not `what`."""
+    system, path = open_store(address)
+    try:
+        yield system, path
     except Exception as error:  # each store has its own
-        raise TouchlineError(f"{address}: cannot be written ({type(error).__name__}: {error})") from None
+        raise TouchlineError(f"{address}: cannot be {what} ({type(error).__name__}: {error})") from None
 
 
 def open_store(address: str) -> tuple[Any, str]:

@@ -29,15 +29,13 @@ from touchline.systems import system_info
 from touchline.types import Prior, Status
 
 REPORTS = ("all", "failed", "none")
-_OPTIONS = {"overrides": "set", "topics": "topic", "late_ms": "late"}  # whose options have other names
 _PACKAGES = ("touchline", "numpy", "numba")
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is done with each recording. It decides the numbers, and a season is resumed only by the same command.
+    """What is done with each recording. config: a file of settings; report: which runs get a report, of `REPORTS`.
 
-    config: a file of settings; report: which runs get a report, of `REPORTS`.
     Raises InputError for what is wrong for all recordings.
     """
 
@@ -58,18 +56,12 @@ class Command:
         settings_given(system_info(self.system), file, self.overrides, self.preset)
 
     def to_dict(self) -> dict[str, Any]:
-        """What the numbers depend on: options by their names, the file's hash, versions of packages."""
-        known = {**asdict(self), **self.bag}
-        options = {
-            f"--{_OPTIONS.get(key, key.replace('_', '-'))}": value
-            for key, value in known.items()
-            if key not in ("bag", "report")
-        }
+        """What the numbers depend on: all but the report, with the file's hash and the versions of packages."""
+        known = asdict(self) | {name: version(name) for name in _PACKAGES}
+        del known["report"]
         if self.config is not None:
-            text = read_text(Path(self.config), 1_000_000)
-            options["--config"] = hashlib.sha256(text.encode()).hexdigest()[:16]
-        versions = {name: version(name) for name in _PACKAGES}
-        return dict(json.loads(json.dumps({**options, **versions})))
+            known["config"] = hashlib.sha256(read_text(Path(self.config), 1_000_000).encode()).hexdigest()[:16]
+        return dict(json.loads(json.dumps(known)))
 
 
 class Task(NamedTuple):
@@ -98,28 +90,25 @@ def localize_all(
     for address in filter(is_address, recordings):
         open_store(address)  # a missing package is reported before the work
     place = output.rstrip("/") if is_address(output) else str(Path(output).absolute())
-    table = Table(place, parquet)
-    if not table.exists:
-        if not is_address(output):
-            new_folder(Path(output), place)
+    if not (table := Table(place, parquet)).exists:
+        if not is_address(place):
+            new_folder(Path(place), place)
         table.write()
     with _alone_in(place):
-        table = Table(place, parquet)
-        known = command.to_dict()
+        table, known = Table(place, parquet), command.to_dict()
         _check_same(known, table)
         names = folder_names(recordings, {row["recording"]: name for name, row in table.rows.items()})
-        prints = {name: fingerprint(recording) for name, recording in zip(names, recordings, strict=True)}
+        prints = {recording: fingerprint(recording) for recording in recordings}
         tasks = [
             Task(recording, f"{place}/{name}", command)
-            for name, recording in zip(names, recordings, strict=True)
-            if not _is_done(table.rows.get(name), prints[name])
+            for recording, name in zip(recordings, names, strict=True)
+            if not _is_done(table.rows.get(name), prints[recording])
         ]
-        results = workers.map(localize_one, tasks, ordered=False)
-        for left, row in zip(range(len(tasks) - 1, -1, -1), results, strict=True):
-            row |= {"inputs": prints[row["run"]], "command": json.dumps(known)}
+        for done, row in enumerate(workers.map(localize_one, tasks, ordered=False), start=1):
+            row |= {"inputs": prints[row["recording"]], "command": json.dumps(known)}
             table.rows[row["run"]] = row
             table.write(names)
-            on_row(row, left)
+            on_row(row, len(tasks) - done)
         return [table.rows[name] for name in names]
 
 
@@ -130,10 +119,7 @@ def _is_done(row: Row | None, inputs: str) -> bool:
 def _check_same(command: Mapping[str, Any], table: Table) -> None:
     """Raises InputError if another command has done any of the rows."""
     for other in table.commands:
-        differing = [key for key in {**other, **command} if other.get(key) != command.get(key)]
-        words = [
-            f"{key} {other.get(key)}, here {command[key]}" if key in _PACKAGES else f"other {key}" for key in differing
-        ]
+        words = [f"{key} {other.get(key)}, here {known}" for key, known in command.items() if other.get(key) != known]
         if words:
             raise InputError(f"{table.path}: is of another command ({'; '.join(words)}); choose another folder")
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from touchline.config import leaves, settings_tree
-from touchline.errors import InputError, TouchlineError
+from touchline.errors import InputError
 from touchline.evaluation.summary import RunErrors, RunSummary
 from touchline.files.new import replace_file
 from touchline.files.opened import read_bytes
-from touchline.season.recordings import is_address, open_store
+from touchline.season.recordings import is_address, opened
 from touchline.systems import system_info
 
 CSV, PARQUET = "runs.csv", "runs.parquet"
@@ -58,27 +58,19 @@ class Table:
         order = [*(name for name in self.rows if name not in last), *(name for name in last if name in self.rows)]
         rows = [self.rows[name] for name in order]
         data = _parquet(rows) if self.path.endswith(PARQUET) else _csv(rows)
-        if not is_address(self.path):
+        if is_address(self.path):
+            with opened(self.path, "written") as (system, path):
+                system.makedirs(path.rpartition("/")[0], exist_ok=True)
+                system.pipe_file(path, data)
+        else:
             replace_file(Path(self.path), data)
-            return
-        system, path = open_store(self.path)
-        try:
-            system.makedirs(path.rpartition("/")[0], exist_ok=True)
-            system.pipe_file(path, data)
-        except Exception as error:  # each store has its own
-            raise TouchlineError(f"{self.path}: cannot be written ({type(error).__name__}: {error})") from None
 
     def _read(self) -> bytes | None:
         """None where there is no such file."""
         if not is_address(self.path):
             return read_bytes(Path(self.path), _MAX_BYTES) if Path(self.path).exists() else None
-        system, path = open_store(self.path)
-        try:
-            return bytes(system.cat_file(path))
-        except FileNotFoundError:
-            return None
-        except Exception as error:  # each store has its own
-            raise TouchlineError(f"{self.path}: cannot be read ({type(error).__name__}: {error})") from None
+        with opened(self.path, "read") as (system, path):
+            return bytes(system.cat_file(path)) if system.exists(path) else None
 
 
 def row_of(summary: RunSummary) -> Row:
