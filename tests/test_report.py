@@ -20,7 +20,7 @@ from touchline.evaluation.report import Picture, path_key, write_report
 from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
-from touchline.evaluation.summary import RunSummary, SaidPhrase
+from touchline.evaluation.summary import Durations, Latency, RunSummary, SaidPhrase
 from touchline.evaluation.timeline import (
     MAX_ROWS,
     axis_limit,
@@ -479,7 +479,8 @@ def test_the_page_has_the_colours_of_all_figures(page: str) -> None:
 def test_every_frame_is_in_the_histogram_of_times_and_the_first_ones_apart() -> None:
     """Whether all frames take about as long, or the last of a hundred takes the longest."""
     for spent_ms in (np.linspace(1.0, 1.01, 50), np.geomspace(0.5, 900.0, 50)):
-        told = {"total": {"median": float(np.median(spent_ms)), "p99": float(spent_ms.max())}, "first_left_out": 3}
+        total = Durations(median=float(np.median(spent_ms)), p99=float(spent_ms.max()))
+        told = Latency(total=total, first_left_out=3)
         tree = latency_tree(spent_ms, told)
         assert (sum(tree["later"]), sum(tree["first"])) == (47, 3)
         median, p99 = tree["marks"]
