@@ -5,6 +5,7 @@ A task holds all that its result depends on, its seed included, so that no worke
 
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -57,7 +58,9 @@ def _in_processes(
 
     kind = "generator" if ordered else "generator_unordered"
     with parallel_config("loky", n_jobs=count, inner_max_num_threads=1):
-        parallel = Parallel(return_as=kind, batch_size=1, max_nbytes=None, initializer=_begin_worker)
+        parallel = Parallel(
+            return_as=kind, batch_size=1, max_nbytes=None, initializer=_begin_worker, initargs=(os.getpid(),)
+        )
     results = parallel(delayed(function)(task) for task in tasks)
     try:
         for result in results:  # noqa: UP028  # yield from would close them before the warnings are off
@@ -80,10 +83,11 @@ def _on_cluster(
         future.release()  # the cluster need not keep the result until the last one is there
 
 
-def _begin_worker() -> None:
+def _begin_worker(parent: int) -> None:
     """Ctrl-C is for the process that started it; if that is killed, nobody waits for this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    if sys.platform != "win32":  # where a virtual environment's Python has another process between them
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     _prepare_loops()
 
 
