@@ -173,7 +173,7 @@ $(VENV)/demo: pyproject.toml | $(BIN)/uv
 	touch $@
 
 $(VENV)/installed: pyproject.toml lab/pyproject.toml | $(BIN)/uv
-	$(INSTALL) --editable '.[dev]' --editable 'lab[cluster]'
+	$(INSTALL) --editable '.[dev]' --editable lab
 	touch $@ $(VENV)/demo
 
 clean:

@@ -23,6 +23,7 @@ from touchline.evaluation.report import write_report
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
+from touchline.evaluation.summary import RunSummary
 from touchline.field import open_field
 
 COUNT = 200
@@ -138,14 +139,15 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
     table, truth = read_estimates(folder / "estimates.csv"), true_samples(COUNT)
     errors = signed_errors(table.trajectory, truth)
     data = RunData(table, open_field("msl-18x12"), truth, errors, tally.black_ns, [{"t": 6.2, "kind": "kidnap"}],
-                   tally.summary()["said"])  # fmt: skip
+                   tally.summary().said)  # fmt: skip
     jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 90, np.uint8))[1].tobytes()
     small = [Thumbnail(int(table.trajectory.stamp_ns[row]), jpeg) for row in range(0, COUNT, 4)]
-    summary = {
+    told = {
         "recording": {"name": "walk", "field": "msl-18x12"}, "system": "fake", "started": "2026-01-02T03:04:05",
         "settings": {}, "learns_colours": False, "seed": 0, "versions": {}, "cpu": "one", "why_no_errors": "not asked",
-        "problems": {"counts": {}, "messages": []}, "prior": {"pose": None, "own_half": False}, **tally.summary(),
+        "problems": {"counts": {}, "messages": []}, "prior": {"pose": None, "own_half": False},
     }  # fmt: skip
+    summary = RunSummary(**told).updated(tally.summary())
     page = write_report(folder, summary, data, None, (), small).read_text(encoding="utf-8")
     told = clicked_through(page, tmp_path, width)
     check(told)

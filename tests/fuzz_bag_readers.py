@@ -16,6 +16,7 @@ from touchline.evaluation import Run
 from touchline.evaluation.ros_results import write_results
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
+from touchline.evaluation.summary import RunSummary
 from touchline.sources import BagOptions, open_source
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.bags.writing import McapWriter, write_recording
@@ -78,7 +79,7 @@ def _runs(workplace: Path, bag: bytes) -> list[Reader]:
         tally = run_frames(FakeSource(6, black=(3,)), FakeSystem(np.random.default_rng(0)), rows)
     options = BagOptions({"truth": "/ground_truth/odom", "image": "/front/image_raw"}, "msl-18x12", None, "base_link")
     about = {"path": str(folder / "robot.mcap"), "bag": options.to_dict()}
-    write_summary(folder, {"recording": about, **tally.summary()})
+    write_summary(folder, RunSummary(recording=about).updated(tally.summary()))
     short = json.dumps({**json.loads((folder / "summary.json").read_text()), "recording": about}).encode()
     readers = []
     for name in ("summary.json", "estimates.csv"):

@@ -26,6 +26,7 @@ from touchline.evaluation import evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import robot_setup, run_frames
+from touchline.evaluation.summary import RunSummary
 from touchline.field import field_from_letters, open_field
 from touchline.files.images import read_image
 from touchline.localization.one_shot.points_file import read_points
@@ -117,7 +118,7 @@ def _runs(workplace: Path) -> list[Reader]:
     folder = new_folder(workplace, "run")
     with RunFolder(folder) as rows:
         tally = run_frames(FakeSource(6, black=(3,)), FakeSystem(np.random.default_rng(0)), rows)
-    write_summary(folder, {"recording": {"path": str(folder / "gone")}, **tally.summary()})
+    write_summary(folder, RunSummary(recording={"path": str(folder / "gone")}).updated(tally.summary()))
     truth = folder / "truth.tum"
     write_tum(truth, true_samples(6))
     seeds = {path.name: path.read_bytes() for path in folder.iterdir()}

@@ -159,6 +159,7 @@ def test_summary_says_what_was_run(recording: Path) -> None:
     assert summary["seed"] == 3
     assert summary["recording"] == {
         "path": str(recording),
+        "bag": None,
         "name": "tiny",
         "description": "a tiny recording",
         "field": "msl-18x12",
@@ -399,7 +400,7 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
     [
         (["fly"], "fly"),
         (["--wings"], "--wings"),
-        (["run"], "'RECORDING...'"),
+        (["run"], "'RECORDING'"),
         (["run", "nowhere"], "nowhere: there is no such recording"),
         (["run", "tiny", "--wings"], "--wings"),
         (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),

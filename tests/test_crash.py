@@ -22,8 +22,9 @@ from touchline.cli import main
 from touchline.config import Settings
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation import Run, evaluate, write_tum
-from touchline.evaluation.run_folder import UNFINISHED, RunFolder, read_summary
+from touchline.evaluation.run_folder import RunFolder, read_summary
 from touchline.evaluation.runner import run_frames
+from touchline.evaluation.summary import UNFINISHED, BlackImages, RunSummary
 from touchline.files.new import replace_file, write_new_file
 from touchline.systems import SYSTEMS, SystemInfo
 from touchline.types import Estimate, Frame
@@ -60,9 +61,9 @@ def cut(tmp_path: Path) -> Path:
     recording = write_recording(tmp_path / "tiny")
     folder = Path("cut")
     folder.mkdir()
-    with RunFolder(folder, {"recording": {"path": str(recording)}}) as rows:
+    with RunFolder(folder, RunSummary(recording={"path": str(recording)})) as rows:
         tally = run_frames(FakeSource(12), FakeSystem(np.random.default_rng(0)), rows)
-        rows.sync({**tally.summary(), "ended": UNFINISHED})
+        rows.sync(tally.summary().updated(RunSummary(ended=UNFINISHED)))
     lines = (folder / "estimates.csv").read_text().splitlines(keepends=True)
     (folder / "estimates.csv").write_text("".join(lines[:5]) + lines[5][:40])
     return folder
@@ -73,10 +74,11 @@ def test_a_killed_process_loses_no_row(tmp_path: Path) -> None:
         "import os, signal, sys\nsys.path[:0] = sys.argv[1:2]\n"
         "import numpy as np\nfrom pathlib import Path\nfrom fakes import FakeSource, FakeSystem\n"
         "from touchline.evaluation.run_folder import RunFolder\nfrom touchline.evaluation.runner import run_frames\n"
+        "from touchline.evaluation.summary import RunSummary\n"
         "def kill(frame, estimate):\n"
         "    if frame.stamp_ns == 2_900_000_000: os.kill(os.getpid(), signal.SIGKILL)\n"
         "with RunFolder(Path('.')) as folder:\n"
-        "    folder.sync({'ended': 'unfinished', 'recording': {'path': 'gone'}})\n"
+        "    folder.sync(RunSummary(ended='unfinished', recording={'path': 'gone'}))\n"
         "    run_frames(FakeSource(40), FakeSystem(np.random.default_rng(0)), folder, on_frame=[kill])\n"
     )
     ended = subprocess.run([sys.executable, "-c", program, str(Path(__file__).parent)], check=False)
@@ -91,12 +93,12 @@ def test_a_killed_process_loses_no_row(tmp_path: Path) -> None:
 def test_the_summary_goes_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("touchline.evaluation.run_folder._BETWEEN_SYNCS_S", 0.0)
     seen = []
-    with RunFolder(tmp_path, {"seed": 7}) as folder:
+    with RunFolder(tmp_path, RunSummary(seed=7)) as folder:
         tell = [lambda frame, estimate: seen.append(read_summary(tmp_path)) if frame.stamp_ns > 0 else None]
         run_frames(FakeSource(5, black=(1, 2)), FakeSystem(np.random.default_rng(0)), folder, on_frame=tell)
-    assert [summary["frames"] for summary in seen] == [1, 2, 3, 4]
-    assert {(summary["seed"], summary["ended"]) for summary in seen} == {(7, UNFINISHED)}
-    assert seen[-1]["black_images"] == {"count": 2, "stretches_ns": [[100_000_000, 200_000_000]]}
+    assert [summary.frames for summary in seen] == [1, 2, 3, 4]
+    assert {(summary.seed, summary.ended) for summary in seen} == {(7, UNFINISHED)}
+    assert seen[-1].black_images == BlackImages(count=2, stretches_ns=[(100_000_000, 200_000_000)])
 
 
 def test_a_run_says_what_it_is_of_before_its_first_image(tmp_path: Path) -> None:
@@ -105,7 +107,7 @@ def test_a_run_says_what_it_is_of_before_its_first_image(tmp_path: Path) -> None
     class Looking(FakeSystem):
         def step(self, frame: Frame) -> Estimate:
             if not seen:
-                seen.append(read_summary(Path("run"))["recording"]["name"])
+                seen.append(read_summary(Path("run")).recording.name)
             return super().step(frame)
 
     prepared = prepare(write_recording(tmp_path / "tiny"), "fake")
@@ -135,7 +137,7 @@ def test_of_a_run_without_a_summary_the_truth_is_asked_for(cut: Path, capsys: py
 def test_a_whole_run_is_evaluated_without_a_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = write_recording(tmp_path / "tiny")
     Path("run").mkdir()
-    with RunFolder(Path("run"), {"recording": {"path": str(recording)}}) as rows:
+    with RunFolder(Path("run"), RunSummary(recording={"path": str(recording)})) as rows:
         tally = run_frames(FakeSource(12), FakeSystem(np.random.default_rng(0)), rows)
         rows.sync(tally.summary())
     assert main(["evaluate", "run"]) == 0
@@ -199,7 +201,7 @@ def test_a_signal_ends_a_run_after_the_image_at_hand(
     assert main(["run", str(write_recording(tmp_path / "tiny")), "--system", "fake"]) == 130
     assert signal.getsignal(kind) is handler
     assert capsys.readouterr().err.splitlines()[-1] == "error: interrupted: 5 images done"
-    assert (len(Run("runs/tiny-1").estimates), Run("runs/tiny-1").summary["ended"]) == (5, "interrupted")
+    assert (len(Run("runs/tiny-1").estimates), Run("runs/tiny-1").summary.ended) == (5, "interrupted")
     assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
 
 

@@ -64,9 +64,9 @@ def test_a_run_of_iris_fusion_tells_its_modes_everywhere(tmp_path: Path, capsys:
     assert main(["run", str(EXAMPLE), "--system", "iris-fusion", "--output", str(folder)]) == 0
     assert "\nmode: omnivision " in capsys.readouterr().out
     run = Run(folder)
-    counts = run.summary["mode"]
+    counts = run.summary.mode
     assert set(counts) == {mode.value for mode in Mode}
-    assert sum(counts.values()) == run.summary["frames"]
+    assert sum(counts.values()) == run.summary.frames
     assert counts["omnivision+odometry"] > 40
     page = run.report.read_text(encoding="utf-8")
     assert "coloured by the mode" in page

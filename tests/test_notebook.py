@@ -19,6 +19,7 @@ from touchline.evaluation.run import path_picture
 from touchline.evaluation.run_data import carried_rows
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
+from touchline.evaluation.summary import RunSummary
 from touchline.systems import SYSTEMS, open_system
 from touchline.types import Hypothesis, Problem, ProblemCode
 
@@ -30,7 +31,8 @@ def run(tmp_path: Path) -> Run:
     folder.mkdir()
     with RunFolder(folder) as writer:
         tally = run_frames(FakeSource(12), FakeSystem(np.random.default_rng(0), searching=(0,)), writer)
-    write_summary(folder, {"recording": {"path": str(recording)}, "system": "fake", **tally.summary()})
+    summary = RunSummary(recording={"path": str(recording)}, system="fake").updated(tally.summary())
+    write_summary(folder, summary)
     return Run(folder)
 
 
@@ -126,7 +128,7 @@ def test_a_run_shows_its_errors_and_its_path(run: Run) -> None:
     assert "position (cm)" in shown
     assert "data:image/png;base64," in shown
     moved = Run(run.folder)
-    moved.summary = {**run.summary, "recording": {"path": "gone"}}
+    moved.summary = run.summary.updated(RunSummary(recording={"path": "gone"}))
     assert "no such recording" in moved._repr_html_()
 
 

@@ -20,6 +20,7 @@ from touchline.evaluation.report import Picture, path_key, write_report
 from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
+from touchline.evaluation.summary import Durations, Latency, RunSummary, SaidPhrase
 from touchline.evaluation.timeline import (
     MAX_ROWS,
     axis_limit,
@@ -91,7 +92,7 @@ def write(
     if known is not None and searching < frames:
         watched = {"black_ns": tally.black_ns, "protection": table.protection}
         errors = error_table(table.trajectory, known, located=located, **watched)
-    summary = {
+    told = {
         "recording": {"name": "walk <1>", "field": "msl-18x12", "description": "Black & white"},
         "system": "fake",
         "started": "2026-01-02T03:04:05+00:00",
@@ -103,11 +104,11 @@ def write(
         "cpu": "a processor",
         "why_no_errors": "the recording holds no truth to compare with",
         "problems": {"counts": {"sensor gap": 2}, "messages": ["imu.csv, line 7: a gap", "imu.csv, line 9: <gap>"]},
-        **tally.summary(),
         **changes,
     }
+    summary = RunSummary(**{**dict(tally.summary()), **told})
     signed = None if known is None else signed_errors(table.trajectory, known)
-    data = data or RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns, said=tally.summary()["said"])
+    data = data or RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns, said=tally.summary().said)
     pictures = [Picture("Image 3 at 0.30 s", "tracking", np.full((40, 60, 3), 90, dtype=np.uint8))]
     small = [Thumbnail(STEP_NS * index, b"jpeg") for index in range(0, frames, 10)]
     path = write_report(folder, summary, data, errors, pictures if frames else (), small)
@@ -412,7 +413,7 @@ def test_a_told_end_that_nothing_confirms_is_not_called_known(tmp_path: Path) ->
         tmp_path,
         either_side=found,
         prior={"pose": None, "own_half": True},
-        said=[{"t": 1.0, "code": "it-is", "what": "so"}],
+        said=[SaidPhrase(t=1.0, until=1.0, code="it-is", what="so")],
     )
     assert "undecided which end of the field it is: in 7 of 30 images nothing but the start that was told" in page
     assert "(the other: 5 %, at last x 1.00 m" in page
@@ -476,7 +477,8 @@ def test_the_page_has_the_colours_of_all_figures(page: str) -> None:
 def test_every_frame_is_in_the_histogram_of_times_and_the_first_ones_apart() -> None:
     """Whether all frames take about as long, or the last of a hundred takes the longest."""
     for spent_ms in (np.linspace(1.0, 1.01, 50), np.geomspace(0.5, 900.0, 50)):
-        told = {"total": {"median": float(np.median(spent_ms)), "p99": float(spent_ms.max())}, "first_left_out": 3}
+        total = Durations(median=float(np.median(spent_ms)), p99=float(spent_ms.max()))
+        told = Latency(total=total, first_left_out=3)
         tree = latency_tree(spent_ms, told)
         assert (sum(tree["later"]), sum(tree["first"])) == (47, 3)
         median, p99 = tree["marks"]

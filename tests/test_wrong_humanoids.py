@@ -141,7 +141,7 @@ def test_one_call_takes_settings_as_they_are(small_data: Path, tmp_path: Path) -
     folder = borrow(small_data / "humanoid_9x6_walk", tmp_path / "walk", frames=2)
     chosen = paper_settings("nimbro-lines")
     run = touchline.run(folder, "nimbro-lines", output=tmp_path / "run", config=chosen)
-    assert run.summary["settings"]["paper"]["refine"] is False
+    assert run.summary.settings["paper"]["refine"] is False
     with pytest.raises(InputError, match="system 'nubot-mti' takes NubotMtiSettings, not NimbroLinesSettings"):
         prepare(small_data / "omni_msl_track", "nubot-mti", config=chosen)
     with pytest.raises(InputError, match="settings are taken as they are"):

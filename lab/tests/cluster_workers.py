@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 from collections.abc import Iterator
@@ -14,12 +13,12 @@ from distributed import LocalCluster
 
 from touchline.cli import main
 from touchline.compiling import load_loops_lean
-from touchline.evaluation.workers import Here, Workers, open_workers
+from touchline.errors import TouchlineError
+from touchline.evaluation.workers import Workers, open_workers
 from touchline.packed_loops import take_packed_loops
 from touchline_lab.experiments.harness import computed, progress_to
 from touchline_lab.experiments.nees import CONDITIONS, Honesty, honesty
 
-ROOT = Path(__file__).parents[2]
 SEARCH = ("--system", "nubot-mti", "--search", "matching.c_m=0.05:0.6:log", "--search", "matching.iterations=2:30")
 
 
@@ -41,20 +40,6 @@ def test_a_search_is_the_same_on_one_core_on_many_and_on_a_cluster(tmp_path: Pat
     assert journal(tmp_path / "cluster", "--dask", scheduler) == alone
 
 
-def table(capsys: pytest.CaptureFixture[str], *more: str) -> list[dict[str, float]]:
-    """What bench says of two recordings, without the times."""
-    recordings = [str(ROOT / "tests" / "data" / name) for name in ("omni_msl_track", "omni_msl_kidnap")]
-    assert main(["bench", *recordings, "--system", "nubot-mti", "--json", *more]) == 0
-    rows = json.loads(capsys.readouterr().out)["recordings"]
-    return [{key: value for key, value in row.items() if key != "ms_per_image"} for row in rows]
-
-
-def test_the_figures_of_recordings_are(capsys: pytest.CaptureFixture[str], scheduler: str) -> None:
-    alone = table(capsys)
-    assert table(capsys, "--workers", "2") == alone
-    assert table(capsys, "--dask", scheduler) == alone
-
-
 def robots(workers: Workers) -> list[Honesty]:
     """Three runs of an experiment."""
     with progress_to(None, workers):
@@ -62,7 +47,7 @@ def robots(workers: Workers) -> list[Honesty]:
 
 
 def test_the_runs_of_an_experiment_are(scheduler: str) -> None:
-    alone = robots(Here())
+    alone = robots(Workers())
     for where in ((2, None), (1, scheduler)):
         with open_workers(*where) as workers:
             assert robots(workers) == alone
@@ -86,9 +71,9 @@ def end_itself(task: int) -> int:
     return task
 
 
-def test_a_task_that_ends_its_workers_is_not_the_end_of_the_others(scheduler: str) -> None:
+def test_a_task_that_ends_its_workers_or_fails_is_reported(scheduler: str) -> None:
     with open_workers(dask=scheduler) as workers:
-        found = list(workers.unordered(end_itself, range(5), lambda task: -task))
-        assert sorted(found) == [-2, 0, 1, 3, 4]
+        with pytest.raises(TouchlineError, match="a worker was killed"):
+            list(workers.map(end_itself, range(5), ordered=False))
         with pytest.raises(ValueError, match="twenty"):
-            list(workers.unordered(end_itself, [20], lambda task: -task))
+            list(workers.map(end_itself, [20]))

@@ -15,7 +15,7 @@ import pytest
 
 from touchline.cli import main
 from touchline.errors import InputError
-from touchline.evaluation.workers import Here
+from touchline.evaluation.workers import Workers
 from touchline.geometry import Pose
 from touchline.sources import open_source
 from touchline.types import Samples
@@ -193,7 +193,7 @@ def test_a_run_goes_on_where_it_was_cut_off(small: Path, tmp_path: Path, capsys:
     assert len(runs.read_results(file)[1]) == 4
     other = Suite(name="other")
     with pytest.raises(InputError, match="holds results of small, not of other"):
-        list(runs.run_suite(other, [], ["touchline"], file, Here()))
+        list(runs.run_suite(other, [], ["touchline"], file, Workers()))
 
 
 def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from fakes import FakeSource, FakeSystem, true_samples, write_recording
 from touchline.cli import main
 from touchline.config import load_settings
 from touchline.errors import InputError
-from touchline.evaluation.workers import Here, open_workers
+from touchline.evaluation.workers import Workers, open_workers
 from touchline.published.nubot_mti.system import NubotMtiSettings
 from touchline.sources import Truth
 from touchline.systems.ordered import OrderedSystem
@@ -36,20 +36,20 @@ def searched(seeds: int = 1) -> Search:
 
 
 def test_a_search_that_was_interrupted_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
-    whole = tune(searched(), tmp_path / "whole", 6, Here())
+    whole = tune(searched(), tmp_path / "whole", 6, Workers())
     told: list[Trial] = []
-    tune(searched(), tmp_path / "cut", 2, Here())
-    assert tune(searched(), tmp_path / "cut", 6, Here(), told.append) == whole == told
+    tune(searched(), tmp_path / "cut", 2, Workers())
+    assert tune(searched(), tmp_path / "cut", 6, Workers(), told.append) == whole == told
     assert (tmp_path / "whole").read_text() == (tmp_path / "cut").read_text()
     assert whole[0].values == ()  # the settings as they are come first
     assert len({trial.values for trial in whole}) == 6
     assert all(2 <= dict(trial.values)["matching.iterations"] <= 30 for trial in whole[1:])
     assert whole[best_of(whole)].cost_m == min(trial.cost_m for trial in whole)
     with pytest.raises(InputError, match=r"another search \(seed differ\)"):
-        tune(replace(searched(), seed=4), tmp_path / "cut", 8, Here())
+        tune(replace(searched(), seed=4), tmp_path / "cut", 8, Workers())
     (tmp_path / "cut").write_text("{")
     with pytest.raises(InputError, match="no journal"):
-        tune(searched(), tmp_path / "cut", 8, Here())
+        tune(searched(), tmp_path / "cut", 8, Workers())
 
 
 def test_many_processes_give_the_results_in_order() -> None:
@@ -92,7 +92,7 @@ def test_the_best_settings_are_a_file_that_run_takes(tmp_path: Path) -> None:
     search = searched()
     values = (("matching.c_m", 0.125), ("matching.iterations", 7))
     trials = [Trial((), (Score(0.03, 1.0, 0.02),)), Trial(values, (Score(0.02, 1.0, 0.01),)), Trial(values, None)]
-    judged = judge(["straight-tracks"], search.tasks, values, Here())
+    judged = judge(["straight-tracks"], search.tasks, values, Workers())
     file = tmp_path / "best.yaml"
     file.write_text(best_file(search, trials[best_of(trials)], judged))
     assert yaml.safe_load(file.read_text()) == {"matching": {"c_m": 0.125, "iterations": 7}}

@@ -4,12 +4,11 @@ import math
 import platform
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
 from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_frames
+from touchline.evaluation.summary import ReadingProblems, RunErrors, RunPrior, RunRecording, RunSummary
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.given import given_numbers, given_path, given_seed, given_switch, refused
@@ -103,7 +103,7 @@ class PreparedRun:
         *,
         on_frame: Sequence[OnFrame] = (),
         stop: Callable[[], bool] = lambda: False,
-        report: Callable[[Mapping[str, Any]], bool] | None = lambda summary: True,
+        report: Callable[[RunSummary], bool] | None = lambda summary: True,
     ) -> tuple[Run, BaseException | None]:
         """Run to the end, to a failure, or until `stop` says so; the (new, empty) folder is finished in each case.
 
@@ -134,19 +134,19 @@ class PreparedRun:
     def _finish(
         self,
         folder: Path,
-        description: dict[str, Any],
+        description: RunSummary,
         tally: RunTally,
-        report: Callable[[Mapping[str, Any]], bool] | None,
+        report: Callable[[RunSummary], bool] | None,
     ) -> Run:
-        summary = {**description, **tally.summary(), "errors": None}
-        summary["problems"] = _problems(self.source)
-        summary["why_not_localised"] = self._why_not_localised(tally)
+        summary = description.updated(tally.summary())
+        summary.problems = _problems(self.source)
+        summary.why_not_localised = self._why_not_localised(tally)
         write_summary(folder, summary)
         finished = Run(folder)
         finished.truth = None if self.source.truth is None else self.source.truth.samples()
-        summary["why_no_errors"] = finished.why_no_errors
+        summary.why_no_errors = finished.why_no_errors
         if finished.errors is not None:
-            summary["errors"] = finished.errors.as_dict()
+            summary.errors = RunErrors.model_validate(finished.errors.as_dict())
         finished.summary = summary
         write_summary(folder, summary)
         if report is not None and report(summary):
@@ -172,28 +172,27 @@ class PreparedRun:
                 return f"in {count} of them, {next(each for each in tally.unseen if without_numbers(each) == why)}"
         return None
 
-    def _description(self, started: str) -> dict[str, Any]:
-        pose = self.prior.pose
-        return {
-            "format": 1,
-            "started": started,
-            "recording": {
-                "path": str(self.source.path.resolve()),
-                **({"bag": self.source.options.to_dict()} if self.source.options.given() else {}),
-                "name": self.source.name,
-                "description": str(self.source.sequence.get("description", "")),
-                "field": self.source.field.name,
-            },
-            "system": self.info.name,
-            "settings": settings_tree(self.settings),
-            "learns_colours": self.system.detector is not None and self.system.detector.learns_colours,
-            "notices": list(self.notices),
-            "prior": {"pose": None if pose is None else list(pose), "own_half": self.prior.own_half},
-            "seed": self.seed,
-            "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
-            "platform": sys.platform,
-            "cpu": cpu_name(),
-        }
+    def _description(self, started: str) -> RunSummary:
+        bag = self.source.options
+        return RunSummary(
+            started=started,
+            recording=RunRecording(
+                path=str(self.source.path.resolve()),
+                bag=bag.to_dict() if bag.given() else None,
+                name=self.source.name,
+                description=str(self.source.sequence.get("description", "")),
+                field=self.source.field.name,
+            ),
+            system=self.info.name,
+            settings=settings_tree(self.settings),
+            learns_colours=self.system.detector is not None and self.system.detector.learns_colours,
+            notices=list(self.notices),
+            prior=RunPrior(pose=self.prior.pose, own_half=self.prior.own_half),
+            seed=self.seed,
+            versions={"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
+            platform=sys.platform,
+            cpu=cpu_name(),
+        )
 
 
 def prepare(
@@ -293,9 +292,9 @@ def _height_notices(setup: RobotSetup, info: SystemInfo) -> tuple[str, ...]:
     )
 
 
-def _problems(source: Recording) -> dict[str, Any]:
+def _problems(source: Recording) -> ReadingProblems:
     counts = {kind.value: count for kind, count in source.problems.counts.items()}
-    return {"counts": counts, "messages": [str(problem) for problem in source.problems]}
+    return ReadingProblems(counts=counts, messages=[str(problem) for problem in source.problems])
 
 
 def _write_report(finished: Run, source: Recording, tally: RunTally, system: LocalizationSystem) -> None:
@@ -305,7 +304,7 @@ def _write_report(finished: Run, source: Recording, tally: RunTally, system: Loc
 
     truth, trajectory = finished.truth, finished.estimates.trajectory
     errors = None if truth is None else signed_errors(trajectory, truth)
-    said = finished.summary["said"]
+    said = finished.summary.said
     data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns(), source.events, said)
     pictures = run_pictures(source, tally, system)
     write_report(finished.folder, finished.summary, data, finished.errors, pictures, thumbnails(source, tally))

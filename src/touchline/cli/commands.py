@@ -16,6 +16,7 @@ from touchline.cli import (
     live,
     locate,
     run,
+    season,
     systems,
     view,
 )
@@ -34,6 +35,7 @@ app = typer.Typer(
 )
 app.command("demo")(run.demo)
 app.command("run")(run.run)
+app.command("season")(season.season)
 app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(evaluate.compare)

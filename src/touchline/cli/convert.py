@@ -141,7 +141,7 @@ def _write_results(run: Path, target: Path, kind: Kind, follow_links: bool) -> N
     from touchline.view.run_pictures import looks
 
     finished = Run(run, follow_links)
-    look = looks(finished.recording(), str(finished.summary.get("system")))
+    look = looks(finished.recording(), finished.summary.system)
     with _kept_whole(target), _progress(finished.folder.name, len(finished.estimates)) as advance:
         writer, codec = _bag_writer(target, kind)
         from touchline.evaluation.ros_results import write_results

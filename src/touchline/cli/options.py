@@ -53,6 +53,11 @@ ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file of 
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
 ]
+Preset = Annotated[
+    str | None,
+    typer.Option("--preset", metavar="paper", help="The system's exact form in its paper; file and --set win over it."),
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Same seed, same trajectory.")]
 StartPose = Annotated[
     str | None, typer.Option("--start", metavar="X,Y,HEADING", help="Where the robot starts (m, m, rad), field frame.")
 ]
@@ -93,5 +98,5 @@ TimedWorkers = Annotated[
     typer.Option("--workers", min=1, metavar="N", help="So many processes; same errors, but times of a busy machine."),
 ]
 DaskAddress = Annotated[
-    str | None, typer.Option("--dask", metavar="ADDRESS", help="On a Dask cluster (tcp://HOST:PORT; extra tune).")
+    str | None, typer.Option("--dask", metavar="ADDRESS", help="On a Dask cluster (tcp://HOST:PORT; extra season).")
 ]

@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,11 +20,12 @@ from touchline.cli.options import (
     BagField,
     BagLate,
     ConfigFile,
-    DaskAddress,
     FollowLinks,
     FromZero,
     Overrides,
     OwnHalf,
+    Preset,
+    Seed,
     StartPose,
     SystemName,
     Topics,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import Run
     from touchline.evaluation.run_data import RunData
     from touchline.evaluation.runner import OnFrame
+    from touchline.evaluation.summary import RunSummary
     from touchline.field import FieldModel
     from touchline.geometry import Pose
     from touchline.sources import Recording
@@ -59,25 +61,18 @@ class InterruptedRun(TouchlineError):
 
 def run(
     recordings: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RECORDING...",
-            help="A recording: a folder, an MCAP file, a bag. Many: several, a folder that holds some, a list.txt.",
-        ),
+        list[str], typer.Argument(metavar="RECORDING", help="A recording: a folder, an MCAP file, a bag.")
     ],
     system: SystemName = None,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).")
+        Path | None, typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).")
     ] = None,
     start: StartPose = None,
     own_half: OwnHalf = False,
     config: ConfigFile = None,
     settings: Overrides = None,
-    preset: Annotated[
-        str | None,
-        typer.Option(metavar="paper", help="The system's exact form in its paper; file and --set win over it."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same trajectory.")] = 0,
+    preset: Preset = None,
+    seed: Seed = 0,
     follow_links: FollowLinks = False,
     topics: Topics = None,
     field: BagField = None,
@@ -85,53 +80,26 @@ def run(
     base: BagBase = None,
     late: BagLate = 0.0,
     from_zero: FromZero = False,
-    report: Annotated[
-        Literal["all", "failed", "none"], typer.Option(help="Which runs get a report (failed: of many).")
-    ] = "all",
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", min=1, metavar="N", help="Of many: so many processes (default: all cores)."),
-    ] = None,
-    dask: DaskAddress = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
 ) -> None:
-    """Localise a recording: trajectory, estimates, summary and report in a new folder. Many: a folder for each.
-
-    A run of many that was cut off goes on with the same command: what its journal says is done is not done again.
-    """
+    """Localise a recording: trajectory, estimates, summary and report in a new folder."""
     if start is not None and own_half:
         raise InputError("--start and --own-half exclude each other: give the pose, or only the half")
-    from touchline.season import Command, is_season
-
-    bag = bag_options(topics, field, camera, base, late, from_zero)
-    if is_season(recordings, output):
-        if start is not None:
-            raise InputError("--start is for one recording")
-        if output is None:
-            raise InputError("--output is missing: the folder for the runs of many recordings")
-        from touchline.cli.season import run_all
-        from touchline.systems import DEFAULT_SYSTEM
-
-        file = None if config is None else str(config.resolve())
-        given = tuple(settings or ())
-        name = system or DEFAULT_SYSTEM
-        command = Command(name, file, given, preset, own_half, seed, follow_links, bag.to_dict(), report)
-        return run_all(recordings, output, command, workers, dask)
-    if workers is not None or dask is not None:
-        raise InputError("--workers and --dask are for many recordings")
-    if report == "failed":
-        raise InputError("--report failed: is for many recordings; expected all or none")
-    recording = Path(recordings[0])
     from touchline.api import prepare
+    from touchline.season import is_many
     from touchline.sources import open_source
     from touchline.systems import DEFAULT_SYSTEM, system_info
     from touchline.types import Prior
 
+    if is_many(recordings):
+        raise InputError("touchline run takes one recording on this machine; for more, use touchline season")
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
     name = system or DEFAULT_SYSTEM
     system_info(name)  # an unknown name is told before the recording is read
-    source = open_source(recording, follow_links, bag)
+    bag = bag_options(topics, field, camera, base, late, from_zero)
+    source = open_source(Path(recordings[0]), follow_links, bag)
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
-    execute(prepared, None if output is None else Path(output), with_report=report == "all")
+    execute(prepared, output, with_report=report)
 
 
 def demo(
@@ -199,16 +167,16 @@ def execute(
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
             raise failure
         raise TouchlineError(
-            f"the run failed after {counted(finished.summary['frames'], 'frame')}: {unexpected(failure)} "
+            f"the run failed after {counted(finished.summary.frames, 'frame')}: {unexpected(failure)} "
             "(touchline --debug run … shows the traceback)"
         ) from failure
-    frames = finished.summary["frames"]
-    if finished.summary["ended"] == "interrupted":
+    frames = finished.summary.frames
+    if finished.summary.ended == "interrupted":
         raise InterruptedRun(f"interrupted: {counted(frames, 'image')} done")
-    if not finished.summary["status"]["tracking"] and finished.summary["unmoved_frames"]:
+    if not finished.summary.status["tracking"] and finished.summary.unmoved_frames:
         say(_UNMOVED, style="yellow")
-    elif not finished.summary["status"]["tracking"]:
-        why = finished.summary["why_not_localised"] or f"`touchline check {prepared.source.path}` may tell why"
+    elif not finished.summary.status["tracking"]:
+        why = finished.summary.why_not_localised or f"`touchline check {prepared.source.path}` may tell why"
         raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
 
 
@@ -257,14 +225,14 @@ def print_run(finished: Run, field: FieldModel) -> None:
     else:
         say(f"no errors to show: {finished.why_no_errors}")
     _print_speed(summary)
-    say(_counts(summary["status"]) or "no images")
-    if "mode" in summary:
-        say(f"mode: {_counts(summary['mode'])}")
+    say(_counts(summary.status) or "no images")
+    if summary.mode is not None:
+        say(f"mode: {_counts(summary.mode)}")
     doubts = [other] if (other := other_side_text(summary)) else []
-    if summary["status"]["tracking"] and (why := summary["why_not_localised"]):
+    if summary.status["tracking"] and (why := summary.why_not_localised):
         doubts.append(f"most images show nothing: {why}")
-    doubts += [said_text(one) for one in summary["said"][:_MAX_SAID]]
-    if problems := summary["problems"]["counts"]:
+    doubts += [said_text(one) for one in summary.said[:_MAX_SAID]]
+    if problems := summary.problems.counts:
         kinds = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
         doubts.append(f"problems of the recording: {kinds} (touchline check lists them)")
     say(*doubts, style="yellow")
@@ -284,18 +252,18 @@ def _counts(counts: dict[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
 
 
-def _print_speed(summary: dict[str, Any]) -> None:
+def _print_speed(summary: RunSummary) -> None:
     """The start, which loads code and may learn colours, apart from the rest."""
     from touchline.evaluation.latency import milliseconds
 
-    latency = summary["latency_ms"]
-    total, left_out = latency["total"], latency["first_left_out"]
-    if total["median"] is None:
+    latency = summary.latency_ms
+    total, left_out = latency.total, latency.first_left_out
+    if total.median is None or total.p99 is None:
         return
-    most_ms = max(total["max"], latency["start_max"])
-    words = f"{milliseconds(total['median'])} ms median, {milliseconds(total['p99'])} ms p99"
+    most_ms = max(total.max or 0.0, latency.start_max or 0.0)
+    words = f"{milliseconds(total.median)} ms median, {milliseconds(total.p99)} ms p99"
     words += f" after the first {left_out}; " if left_out else ", "
     words += f"{milliseconds(most_ms)} ms at most"
-    if most_ms == latency["start_max"]:
-        words += f" at the start (code is loaded{', colours are learned' if summary['learns_colours'] else ''})"
-    say(f"{counted(summary['frames'], 'image')}, time per image: {words}")
+    if most_ms == latency.start_max:
+        words += f" at the start (code is loaded{', colours are learned' if summary.learns_colours else ''})"
+    say(f"{counted(summary.frames, 'image')}, time per image: {words}")

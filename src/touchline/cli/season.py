@@ -1,29 +1,100 @@
-"""`touchline run` with many recordings: a line for each as it is done, and what the tables hold."""
+"""`touchline season`: many recordings in, a run folder for each and a table of all out."""
+
+from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from touchline.cli.console import announce_compiling, errors_console, say
+from touchline.cli.options import (
+    BagBase,
+    BagCamera,
+    BagField,
+    BagLate,
+    ConfigFile,
+    DaskAddress,
+    FollowLinks,
+    FromZero,
+    Overrides,
+    OwnHalf,
+    Preset,
+    Seed,
+    SystemName,
+    Topics,
+    WorkerCount,
+    bag_options,
+)
 from touchline.compiling import load_loops_lean
 from touchline.errors import TouchlineError
-from touchline.evaluation.workers import open_workers
 from touchline.messages import counted
-from touchline.season import Command, find_recordings, localize_all
-from touchline.season.tables import RUNS_CSV, Row
+
+if TYPE_CHECKING:
+    from touchline.season import Command
+    from touchline.season.table import Row
 
 
-def run_all(given: Sequence[str], output: str, command: Command, workers: int | None, dask: str | None) -> None:
-    """Localise all recordings that are meant. Raises TouchlineError, at the end, if any failed."""
+def season(
+    recordings: Annotated[
+        list[str],
+        typer.Argument(metavar="RECORDING...", help="Recordings, folders that hold some, a list.txt, addresses."),
+    ],
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder or address for the runs and the table.")
+    ],
+    system: SystemName = None,
+    own_half: OwnHalf = False,
+    config: ConfigFile = None,
+    settings: Overrides = None,
+    preset: Preset = None,
+    seed: Seed = 0,
+    follow_links: FollowLinks = False,
+    topics: Topics = None,
+    field: BagField = None,
+    camera: BagCamera = None,
+    base: BagBase = None,
+    late: BagLate = 0.0,
+    from_zero: FromZero = False,
+    report: Annotated[str, typer.Option(metavar="all|failed|none", help="Which runs get a report.")] = "all",
+    parquet: Annotated[bool, typer.Option("--parquet", help="The table as runs.parquet (extra season).")] = False,
+    workers: WorkerCount = None,
+    dask: DaskAddress = None,
+) -> None:
+    """Localise many recordings: a run folder for each, and a table with a row for each, runs.csv.
+
+    The same command resumes a season that was cut off: what has a row in the table is not done again.
+    """
+    from touchline.season import Command, find_recordings
+    from touchline.systems import DEFAULT_SYSTEM
+
+    bag = bag_options(topics, field, camera, base, late, from_zero).to_dict()
+    file = None if config is None else str(config.resolve())
+    name, given = system or DEFAULT_SYSTEM, tuple(settings or ())
+    command = Command(name, file, given, preset, own_half, seed, follow_links, bag, report)
+    found = find_recordings(recordings)
+    count = min(workers or os.cpu_count() or 1, len(found))
+    rows = _with_progress(found, output, command, parquet, (count, dask))
+    failed = [row for row in rows if row["failure"]]
+    say(f"{counted(len(rows), 'recording')}, {len(failed)} failed: {output}")
+    if failed:
+        raise TouchlineError(f"{counted(len(failed), 'recording')} failed, the first: {line_of(failed[0])}")
+
+
+def _with_progress(
+    recordings: list[str], output: str, command: Command, parquet: bool, where: tuple[int, str | None]
+) -> list[Row]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    recordings = find_recordings(given)
+    from touchline.evaluation.workers import open_workers
+    from touchline.season import localize_all
+
     load_loops_lean()
-    count = min(workers or os.cpu_count() or 1, len(recordings))
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with (
         Progress(*columns, console=errors_console()) as progress,
         announce_compiling(progress.console.print),
-        open_workers(count, dask) as hands,
+        open_workers(*where) as workers,
     ):
         task = progress.add_task("recordings", total=len(recordings))
 
@@ -31,14 +102,7 @@ def run_all(given: Sequence[str], output: str, command: Command, workers: int | 
             progress.update(task, completed=len(recordings) - left)
             progress.console.print(line_of(row), markup=False, highlight=False)
 
-        def on_begin(left: int) -> None:
-            progress.update(task, completed=len(recordings) - left)
-
-        rows = localize_all(recordings, output, command, hands, on_row, on_begin)
-    failed = [row for row in rows if row["failure"]]
-    say(f"{counted(len(rows), 'recording')}, {len(failed)} failed: {output}/{RUNS_CSV}")
-    if failed:
-        raise TouchlineError(f"{counted(len(failed), 'recording')} failed, the first: {line_of(failed[0])}")
+        return localize_all(recordings, output, command, workers, on_row, parquet)
 
 
 def line_of(row: Row) -> str:

@@ -13,6 +13,7 @@ from touchline.errors import InputError
 from touchline.evaluation.metrics import associate, signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_data import RIGHT_M, RIGHT_RAD, RunData
+from touchline.evaluation.summary import RunSummary
 from touchline.evaluation.timeline import Chart, Curve, page_data, run_tree, shown_rows, truth_tree
 from touchline.evaluation.web_page import html_page
 from touchline.geometry import BoolArray, FloatArray, IntArray, runs_of, wrap_angles
@@ -156,13 +157,7 @@ def _recording_of(runs: Sequence[Run]) -> Recording:
 
 
 def _recording_name(run: Run) -> str:
-    return str(_part(run.summary, "recording").get("name", "an unnamed recording"))
-
-
-def _part(summary: dict[str, Any], key: str) -> dict[str, Any]:
-    """A part of summary.json; nothing where it is missing, or is not as a run writes it."""
-    part = summary.get(key)
-    return part if isinstance(part, dict) else {}
+    return run.summary.recording.name
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
@@ -172,7 +167,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _figures(one: Compared) -> list[str]:
-    data, latency = one.data, _part(_part(one.run.summary, "latency_ms"), "total")
+    data, latency = one.data, one.run.summary.latency_ms.total
     errors = None if data.truth is None else one.run.errors_against(data.truth)
     wrong = data.wrong_while_tracking()
     values = (
@@ -181,18 +176,18 @@ def _figures(one: Compared) -> list[str]:
         (None if errors is None else math.degrees(errors.heading.mean), 3),
         (100.0 * float(data.table.has_status(Status.TRACKING).mean()), 1),
         (None if wrong is None else wrong.seconds, 2),
-        (latency.get("median"), 2),
-        (latency.get("p99"), 1),
+        (latency.median, 2),
+        (latency.p99, 1),
     )
-    return [f"{value:.{digits}f}" if isinstance(value, int | float) else "–" for value, digits in values]
+    return ["–" if value is None else f"{value:.{digits}f}" for value, digits in values]
 
 
-def _inputs(summary: dict[str, Any]) -> dict[str, str]:
+def _inputs(summary: RunSummary) -> dict[str, str]:
     """All that a run was told, each as text."""
-    inputs = {"system": summary.get("system"), "seed": summary.get("seed"), "cpu": summary.get("cpu")}
-    inputs |= {f"start {key}": value for key, value in _part(summary, "prior").items()}
-    inputs |= {f"version of {name}": value for name, value in _part(summary, "versions").items()}
-    inputs |= leaves(_part(summary, "settings"))
+    inputs: dict[str, Any] = {"system": summary.system, "seed": summary.seed, "cpu": summary.cpu}
+    inputs |= {f"start {key}": value for key, value in summary.prior}
+    inputs |= {f"version of {name}": value for name, value in summary.versions.items()}
+    inputs |= leaves(summary.settings)
     return {key: "none" if value is None else str(value) for key, value in inputs.items()}
 
 

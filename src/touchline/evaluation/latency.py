@@ -3,10 +3,10 @@
 import math
 import platform
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from touchline.evaluation.summary import Durations, Latency
 from touchline.geometry import FloatArray
 
 FIRST_MS = 1e-3
@@ -47,12 +47,12 @@ class LatencyHistogram:
         place = int(np.searchsorted(np.cumsum(self.counts), rank))
         return min(math.sqrt(float(self.edges_ms[place] * self.edges_ms[place + 1])), self.max_ms)
 
-    def summary(self) -> dict[str, float | None]:
-        """median, p99 and maximum (ms) for JSON; None without frames."""
+    def summary(self) -> Durations:
+        """Median, p99 and maximum (ms)."""
         if len(self) == 0:
-            return {"median": None, "p99": None, "max": None}
-        values = {"median": self.percentile_ms(50), "p99": self.percentile_ms(99), "max": self.max_ms}
-        return {name: round(value, 4) for name, value in values.items()}
+            return Durations()
+        median, p99 = self.percentile_ms(50), self.percentile_ms(99)
+        return Durations(median=round(median, 4), p99=round(p99, 4), max=round(self.max_ms, 4))
 
 
 class FrameTimes:
@@ -73,18 +73,18 @@ class FrameTimes:
         ):
             group[name].add(spent_ms)
 
-    def summary(self) -> dict[str, Any]:
-        """For JSON: perception, localization and total, each of the frames after the first START_FRAMES.
+    def summary(self) -> Latency:
+        """Perception, localization and total, each of the frames after the first START_FRAMES.
 
-        first_left_out tells how many that left out: none where there are no others. start_max: total of the first ones.
+        Where there are no others, no frames are left out.
         """
         has_later = len(self._later["total"]) > 0
         group = self._later if has_later else self._start
-        return {
-            "first_left_out": START_FRAMES if has_later else 0,
+        return Latency(
+            first_left_out=START_FRAMES if has_later else 0,
             **{name: histogram.summary() for name, histogram in group.items()},
-            "start_max": self._start["total"].summary()["max"],
-        }
+            start_max=self._start["total"].summary().max,
+        )
 
 
 def _histograms() -> dict[str, LatencyHistogram]:

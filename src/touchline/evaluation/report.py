@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.runner import Thumbnail, said_text
+from touchline.evaluation.summary import RunSummary
 from touchline.evaluation.timeline import (
     MODE_COLORS,
     dot_colors,
@@ -47,13 +47,13 @@ class Picture:
 
 def write_report(
     folder: Path,
-    summary: dict[str, Any],
+    summary: RunSummary,
     data: RunData,
     errors: ErrorTable | None,
     pictures: Iterable[Picture] = (),
     thumbnails: Sequence[Thumbnail] = (),
 ) -> Path:
-    """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path.
+    """Write report.html into the folder of a run; Returns its path.
 
     thumbnails: small pictures of images throughout the run, that the slider shows.
 
@@ -63,9 +63,9 @@ def write_report(
     page = html_page(
         "report.html.jinja",
         _page_data(data, thumbnails, summary) if len(data.table) else None,
-        title=f"{summary['recording']['name']} · {summary['system']}",
+        title=f"{summary.recording.name} · {summary.system}",
         summary=summary,
-        recording=summary["recording"],
+        recording=summary.recording,
         run=data,
         errors=errors,
         other_side=other_side_text(summary),
@@ -75,22 +75,22 @@ def write_report(
         columns=list(COLUMNS),
         error_rows=rows,
         pictures=[(picture, source) for picture in pictures if (source := _jpeg(picture.image))],
-        said=[(said_text(one), one["code"]) for one in summary["said"]],
-        settings=leaves(summary["settings"]),
+        said=[(said_text(one), one.code) for one in summary.said],
+        settings=leaves(summary.settings),
     )
     path = folder / REPORT
     replace_file(path, page.encode(errors="replace"))  # a name may be no UTF-8
     return path
 
 
-def other_side_text(summary: dict[str, Any]) -> str:
+def other_side_text(summary: RunSummary) -> str:
     """That the side of the field is unknown, how sure it is, and what to do; empty if it is known."""
-    found, prior = summary["either_side"], summary["prior"]
-    if not found["count"]:
+    found, prior = summary.either_side, summary.prior
+    if not found.count or found.other_pose is None:
         return ""
-    pose, twin = pose_text(Pose(*found["other_pose"])), found["probability"]
-    images = f"in {found['count']} of {counted(summary['frames'], 'image')}"
-    if prior["pose"] is None and not prior["own_half"]:
+    pose, twin = pose_text(Pose(*found.other_pose)), found.probability
+    images = f"in {found.count} of {counted(summary.frames, 'image')}"
+    if prior.pose is None and not prior.own_half:
         sure = "" if twin is None else f"; there with {100 * twin:.0f} %"
         return (
             f"{images} the robot may as well stand at the other end of the field (the other: at last {pose}{sure}); "
@@ -103,16 +103,16 @@ def other_side_text(summary: dict[str, Any]) -> str:
     )
 
 
-def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: dict[str, Any]) -> str:
+def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: RunSummary) -> str:
     rows = shown_rows(data)
     spent_ms = (data.table.perception_ms + data.table.localization_ms).astype(np.float64)
     truth = truth_tree(data, rows)
     runs = [run_tree("estimate", data, rows), *([] if truth is None else [truth])]
-    times = latency_tree(spent_ms, summary["latency_ms"])
+    times = latency_tree(spent_ms, summary.latency_ms)
     return page_data(data, error_charts(data, rows), runs, rows, thumbnails, times)
 
 
-def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunData) -> list[tuple[str, str, str]]:
+def _key_figures(summary: RunSummary, errors: ErrorTable | None, data: RunData) -> list[tuple[str, str, str]]:
     """Label, value and unit of the figures that come first."""
     tiles = _kidnap_tiles(data)
     tracked = data.tracked_errors()
@@ -129,17 +129,17 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunDa
             (f"mean |heading|{which}", f"{math.degrees(heading.mean):.2f}", "°"),
             (f"largest position error{which}", f"{100 * position.max:.1f}", "cm"),
         ]
-    frames = summary["frames"]
+    frames = summary.frames
     if frames:
-        tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
+        tiles.append(("images tracked", f"{100 * summary.status['tracking'] / frames:.1f}", "%"))
     for label, values in (("of the pose", data.table.probability), ("of its twin", data.table.twin_probability)):
         if not np.isnan(values).all():
             tiles.append((f"probability {label}, median", f"{100 * np.nanmedian(values):.1f}", "%"))
-    latency, left_out = summary["latency_ms"]["total"], summary["latency_ms"]["first_left_out"]
-    if latency["median"] is not None:
+    latency, left_out = summary.latency_ms.total, summary.latency_ms.first_left_out
+    if latency.median is not None and latency.p99 is not None:
         which = f", first {left_out} left out" if left_out else ""
-        tiles.append((f"time per image, median{which}", milliseconds(latency["median"]), "ms"))
-        tiles.append((f"time per image, p99{which}", milliseconds(latency["p99"]), "ms"))
+        tiles.append((f"time per image, median{which}", milliseconds(latency.median), "ms"))
+        tiles.append((f"time per image, p99{which}", milliseconds(latency.p99), "ms"))
     return tiles
 
 

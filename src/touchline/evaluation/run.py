@@ -14,7 +14,8 @@ from touchline.errors import InputError
 from touchline.evaluation.estimates import PROBABILITIES, PROTECTION, EstimateTable, read_estimates
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table, signed_errors
 from touchline.evaluation.run_data import carried_rows
-from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, UNFINISHED, read_summary
+from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, read_summary
+from touchline.evaluation.summary import UNFINISHED
 from touchline.evaluation.tum import read_tum
 from touchline.field import FieldModel
 from touchline.field.drawing import Color, draw_field, field_view
@@ -34,7 +35,7 @@ class Run:
     def __init__(self, folder: Path | str, follow_links: bool = False) -> None:
         self.folder = Path(folder)
         self._follow_links = follow_links
-        self.summary: dict[str, Any] = read_summary(self.folder)
+        self.summary = read_summary(self.folder)
 
     @property
     def report(self) -> Path:
@@ -52,17 +53,19 @@ class Run:
         done = f"{counted(len(self.estimates), 'image')} done"
         if self._is_cut:
             return f"the run has not come to its end: it was cut off, or still goes on; {done}"
-        ended = self.summary.get("ended", "complete")
+        ended = self.summary.ended
         return "" if ended == "complete" else f"the run was {ended} before its end; {done}"
 
     @property
     def _is_cut(self) -> bool:
-        return bool(self.summary.get("ended") == UNFINISHED)
+        return self.summary.ended == UNFINISHED
 
     def recording(self) -> Recording:
         """The recording that was run. Raises InputError if it is no longer where it was."""
-        recording = self._recording()
-        return open_source(recording["path"], self._follow_links, BagOptions.from_dict(recording.get("bag")))
+        recording = self.summary.recording
+        if recording.path is None:
+            raise InputError(f"{self.folder / SUMMARY}: does not name its recording; give the truth with --truth FILE")
+        return open_source(recording.path, self._follow_links, BagOptions.from_dict(recording.bag))
 
     @cached_property
     def truth(self) -> Samples | None:
@@ -109,22 +112,8 @@ class Run:
         )
 
     def black_ns(self) -> list[tuple[int, int]]:
-        """First and last stamp of every stretch of black images, as far as a run that was cut off has noted them.
-
-        Raises InputError if summary.json is not a run's.
-        """
-        if self._is_cut and "black_images" not in self.summary:
-            return []
-        try:
-            return [(int(first), int(last)) for first, last in self.summary["black_images"]["stretches_ns"]]
-        except (KeyError, TypeError, ValueError, OverflowError):
-            raise InputError(f"{self.folder / SUMMARY}: 'black_images' is not as `touchline run` writes it") from None
-
-    def _recording(self) -> dict[str, Any]:
-        recording = self.summary.get("recording")
-        if not isinstance(recording, dict) or "path" not in recording:
-            raise InputError(f"{self.folder / SUMMARY}: does not name its recording; give the truth with --truth FILE")
-        return recording
+        """First and last stamp of every stretch of black images, as far as a run that was cut off has noted them."""
+        return self.summary.black_images.stretches_ns
 
     @cached_property
     def frame(self) -> Any:
@@ -141,7 +130,7 @@ class Run:
 
     def __repr__(self) -> str:
         known = self.summary
-        of = f": {known['system']}, {counted(known['frames'], 'image')}" if {"system", "frames"} <= set(known) else ""
+        of = f": {known.system}, {counted(known.frames, 'image')}" if known.system else ""
         return f"Run({str(self.folder)!r}{of})"
 
 
@@ -165,7 +154,7 @@ def evaluate(
     finished = Run(run, follow_links)
     known = read_tum(truth) if truth is not None else finished.truth
     if known is None:
-        raise InputError(f"{finished.summary['recording']['path']}: holds no truth; give it with --truth FILE")
+        raise InputError(f"{finished.summary.recording.path}: holds no truth; give it with --truth FILE")
     return finished.errors_against(known, skip)
 
 

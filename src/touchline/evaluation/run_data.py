@@ -8,6 +8,7 @@ import numpy as np
 
 from touchline.evaluation.estimates import EstimateTable
 from touchline.evaluation.metrics import Errors, ErrorStatistics, errors_given_end, within
+from touchline.evaluation.summary import SaidPhrase
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.types import Samples, Status
@@ -38,7 +39,7 @@ class RunData:
     """The estimates, the truth (values (M, 3), m and rad) and errors where known.
 
     black_ns: first and last stamp of every stretch of black images. events: what happened, as the recording tells it:
-    mappings with `t` (s, on the clock of the stamps) and `kind`. said: what the system said, as summary.json holds it.
+    mappings with `t` (s, on the clock of the stamps) and `kind`. said: what the system said.
     """
 
     table: EstimateTable
@@ -47,7 +48,7 @@ class RunData:
     errors: Errors | None = None
     black_ns: Sequence[tuple[int, int]] = ()
     events: Sequence[Mapping[str, Any]] = ()
-    said: Sequence[Mapping[str, Any]] = ()
+    said: Sequence[SaidPhrase] = ()
 
     @property
     def first_located(self) -> int:

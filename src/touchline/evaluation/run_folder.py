@@ -8,15 +8,16 @@ import json
 import math
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, cast
 
+from pydantic import ValidationError
 from typing_extensions import Self
 
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.estimates import csv_row, header
+from touchline.evaluation.summary import UNFINISHED, RunSummary
 from touchline.evaluation.tum import stamp_from_text, tum_line
 from touchline.files.new import file_name, replace_file
 from touchline.files.opened import UnreadableError, open_bytes, read_text
@@ -28,8 +29,6 @@ SUMMARY = "summary.json"
 REPORT = "report.html"
 RUNS = Path("runs")
 _MAX_SUMMARY_BYTES = 20_000_000
-UNFINISHED = "unfinished"
-"""What summary.json says of a run that goes on, or was cut off: `ended`."""
 _BETWEEN_SYNCS_S = 0.9
 
 
@@ -67,9 +66,9 @@ class RunFolder:
     with the file's name; the rows before it stay whole.
     """
 
-    def __init__(self, folder: Path, description: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, folder: Path, description: RunSummary | None = None) -> None:
         self.path = folder
-        self._description = dict(description or {})
+        self._description = description or RunSummary()
         self._trajectory = _Rows(folder / TRAJECTORY)
         self._estimates = _Rows(folder / ESTIMATES)
         self._begun = False
@@ -87,11 +86,11 @@ class RunFolder:
         """Whether `sync` is to be called: it has not been for almost a second."""
         return time.monotonic() - self._synced_s >= _BETWEEN_SYNCS_S
 
-    def sync(self, progress: Mapping[str, Any]) -> None:
+    def sync(self, progress: RunSummary) -> None:
         """Bring the rows to the disk, and to summary.json the description with how far the run is."""
         self._trajectory.sync()
         self._estimates.sync()
-        write_summary(self.path, {**self._description, **progress})
+        write_summary(self.path, self._description.updated(progress))
         self._synced_s = time.monotonic()
 
     def forget_from(self, stamp_ns: int) -> None:
@@ -175,29 +174,30 @@ def _is_at_or_after(seconds: str, stamp_ns: int) -> bool:
         return False
 
 
-def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+def write_summary(folder: Path, summary: RunSummary) -> None:
     """Write summary.json; what is not a finite number becomes null. Raises TouchlineError if it cannot be written."""
-    text = json.dumps(_finite(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_finite(summary.model_dump()), indent=2, ensure_ascii=False, allow_nan=False)
     replace_file(folder / SUMMARY, (text + "\n").encode(errors="backslashreplace"))  # a path may be no UTF-8
 
 
-def read_summary(folder: Path) -> dict[str, Any]:
+def read_summary(folder: Path) -> RunSummary:
     """Read summary.json; where there are only rows, that the run is unfinished.
 
     Raises InputError if it is missing or not what `run` writes.
     """
     path = folder / SUMMARY
     if not path.exists() and (folder / ESTIMATES).is_file():
-        return {"ended": UNFINISHED}
+        return RunSummary(ended=UNFINISHED)
     try:
-        loaded = json.loads(read_text(path, _MAX_SUMMARY_BYTES))
+        return RunSummary.model_validate(json.loads(read_text(path, _MAX_SUMMARY_BYTES)))
     except UnreadableError as error:
         raise InputError(f"{error}; is {folder} the folder of a run?") from None
+    except ValidationError as error:
+        key = ".".join(map(str, error.errors()[0]["loc"]))
+        what = f"'{key}' is not as" if key else "expected a JSON object, as"
+        raise InputError(f"{path}: {what} `touchline run` writes it") from None
     except (ValueError, RecursionError):
         raise InputError(f"{path}: is not valid JSON") from None
-    if not isinstance(loaded, dict):
-        raise InputError(f"{path}: expected a JSON object, as `touchline run` writes it")
-    return loaded
 
 
 def _finite(value: Any) -> Any:

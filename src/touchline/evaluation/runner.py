@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
 from touchline.camera import PerspectiveCamera, is_perspective
 from touchline.evaluation.latency import FrameTimes
-from touchline.evaluation.run_folder import UNFINISHED, RunFolder
+from touchline.evaluation.run_folder import RunFolder
+from touchline.evaluation.summary import UNFINISHED, BlackImages, EitherSide, RunSummary, SaidPhrase
 from touchline.geometry import FloatArray, Pose
 from touchline.messages import counted
 from touchline.motion import FrameOrder, LeanFilter
@@ -80,10 +81,11 @@ class Said:
     last_ns: int
     images: int = 1
 
-    def as_dict(self) -> dict[str, Any]:
-        """For summary.json, in seconds."""
-        span = {"t": self.first_ns / 1e9, "until": self.last_ns / 1e9, "images": self.images}
-        return {**span, "code": self.problem.code, "what": self.problem.sentence}
+    def in_seconds(self) -> SaidPhrase:
+        """For summary.json."""
+        first_s, last_s = self.first_ns / 1e9, self.last_ns / 1e9
+        code, what = self.problem.code, self.problem.sentence
+        return SaidPhrase(t=first_s, until=last_s, images=self.images, code=code, what=what)
 
 
 class SaidLog:
@@ -102,10 +104,10 @@ class SaidLog:
             self.stretches.append(Said(problem, stamp_ns, stamp_ns))
 
 
-def said_text(one: Mapping[str, Any]) -> str:
-    """What summary.json holds of a problem, in words."""
-    many = f" to {one['until']:.2f} s ({counted(one['images'], 'image')})" if one.get("images", 1) > 1 else " s"
-    return f"{one['t']:.2f}{many}: {one['what']}"
+def said_text(one: SaidPhrase) -> str:
+    """A phrase with its time, in words."""
+    many = f" to {one.until:.2f} s ({counted(one.images, 'image')})" if one.images > 1 else " s"
+    return f"{one.t:.2f}{many}: {one.what}"
 
 
 @dataclass(eq=False, slots=True)
@@ -164,32 +166,30 @@ class RunTally:
             self.said.add(problem, estimate.stamp_ns)
         self.times.add(estimate.perception_ms, estimate.localization_ms)
 
-    def summary(self) -> dict[str, Any]:
-        """Counts, rates and latencies for summary.json."""
+    def summary(self) -> RunSummary:
+        """Counts, rates and latencies."""
         duration_s = 0.0 if self.first_ns is None or self.last_ns is None else (self.last_ns - self.first_ns) / 1e9
-        return {
-            "ended": self.ended,
-            "failure": None if self.failure is None else f"{type(self.failure).__name__}: {self.failure}",
-            "frames": self.frames,
-            "duration_s": round(duration_s, 6),
-            "recording_rate_hz": round((self.frames - 1) / duration_s, 4) if duration_s > 0 else None,
-            "rate_fps": round(self.frames / self.wall_s, 2) if self.wall_s > 0 else None,
-            "status": {status.value: self.statuses[status] for status in Status},
-            **({"mode": {mode.value: self.modes[mode] for mode in Mode}} if self.modes else {}),
-            "missing_images": self.missing_images,
-            "late_frames": self.late_frames,
-            "unconfirmed_frames": self.unconfirmed_frames,
-            "unmoved_frames": self.unmoved,
-            "clock_set_back": self.clock_set_back,
-            "black_images": {"count": self.black, "stretches_ns": self.black_ns},
-            "either_side": {
-                "count": self.either_side,
-                "other_pose": None if self.other_side is None else list(self.other_side),
-                "probability": self.other_probability,
-            },
-            "said": [one.as_dict() for one in self.said.stretches],
-            "latency_ms": self.times.summary(),
-        }
+        return RunSummary(
+            ended=self.ended,
+            failure=None if self.failure is None else f"{type(self.failure).__name__}: {self.failure}",
+            frames=self.frames,
+            duration_s=round(duration_s, 6),
+            recording_rate_hz=round((self.frames - 1) / duration_s, 4) if duration_s > 0 else None,
+            rate_fps=round(self.frames / self.wall_s, 2) if self.wall_s > 0 else None,
+            status={status.value: self.statuses[status] for status in Status},
+            mode={mode.value: self.modes[mode] for mode in Mode} if self.modes else None,
+            missing_images=self.missing_images,
+            late_frames=self.late_frames,
+            unconfirmed_frames=self.unconfirmed_frames,
+            unmoved_frames=self.unmoved,
+            clock_set_back=self.clock_set_back,
+            black_images=BlackImages(count=self.black, stretches_ns=list(self.black_ns)),
+            either_side=EitherSide(
+                count=self.either_side, other_pose=self.other_side, probability=self.other_probability
+            ),
+            said=[one.in_seconds() for one in self.said.stretches],
+            latency_ms=self.times.summary(),
+        )
 
 
 class FramePicker:

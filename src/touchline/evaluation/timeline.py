@@ -19,6 +19,7 @@ from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import associate, within
 from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.runner import Thumbnail
+from touchline.evaluation.summary import Latency
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray
 from touchline.palette import SERIES
@@ -179,16 +180,16 @@ def _statistics_charts(data: RunData, rows: IntArray) -> Iterator[Chart]:
         yield Chart("Consistency", "", 2, [Curve("alarm", "ink", np.ones(len(rows))), *curves], signed=False)
 
 
-def latency_tree(spent_ms: FloatArray, latency_ms: dict[str, Any]) -> dict[str, Any]:
+def latency_tree(spent_ms: FloatArray, latency_ms: Latency) -> dict[str, Any]:
     """How many frames took how long (ms, (N,)), in bins of even width in the logarithm.
 
-    latency_ms: as `FrameTimes.summary` has it; the first frames, which it leaves out, are counted by themselves.
+    The first frames, which the latency leaves out, are counted by themselves.
     """
     low, high = max(1e-3, 0.8 * float(spent_ms.min())), 1.25 * float(spent_ms.max()) + 1e-3
-    shown_ms, left_out = np.maximum(spent_ms, 1e-3), latency_ms["first_left_out"]
+    shown_ms, left_out = np.maximum(spent_ms, 1e-3), latency_ms.first_left_out
     edges = np.geomspace(low, high, _BINS + 1)
     later, first = (np.histogram(some, edges)[0].tolist() for some in (shown_ms[left_out:], shown_ms[:left_out]))
-    marked = [(name, latency_ms["total"][name]) for name in ("median", "p99")]
+    marked = [("median", latency_ms.total.median or 0.0), ("p99", latency_ms.total.p99 or 0.0)]
     marks = [{"ms": time_ms, "label": f"{name} {milliseconds(time_ms)} ms"} for name, time_ms in marked]
     return {"low": low, "high": high, "later": later, "first": first, "marks": marks}
 
@@ -260,8 +261,8 @@ def _event_trees(data: RunData) -> list[dict[str, Any]]:
     is_black = len(data.black_ns) > 0
     spans = [(1e-9 * first, 1e-9 * last, {"label": "black"}) for first, last in data.black_ns]
     for said in data.said:
-        shown = {"label": _short(said["what"]), "color": "searching"}
-        spans.append((said["t"], said.get("until", said["t"]), shown))
+        shown = {"label": _short(said.what), "color": "searching"}
+        spans.append((said.t, said.until, shown))
     trees: list[dict[str, Any]] = [
         {"t": round(begin - start_s, 3), "until": round(end - start_s, 3), **shown} for begin, end, shown in spans
     ]

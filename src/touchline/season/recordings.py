@@ -16,32 +16,30 @@ _LISTS = (".txt", ".lst")
 
 
 def is_address(text: str) -> bool:
-    """Whether it names an object store (s3://bucket/recording), not a path."""
+    """Whether it is the address of an object store (s3://bucket/recording), not a path."""
     return "://" in text
 
 
-def is_season(given: Sequence[str], output: str | None = None) -> bool:
-    """Whether more than one recording is meant, or one that is fetched from a store or whose results go there."""
-    if len(given) != 1 or is_address(output or ""):
-        return True
+def is_many(given: Sequence[str]) -> bool:
+    """Whether it is anything but one path to a recording on this machine."""
     path = Path(given[0])
     listed = path.suffix in _LISTS and path.is_file()
-    return is_address(given[0]) or listed or (path.is_dir() and not _is_recording(path) and any(_inside(path)))
+    holds_some = path.is_dir() and not _is_recording(path) and any(_inside(path))
+    return len(given) > 1 or is_address(given[0]) or listed or holds_some
 
 
 def find_recordings(given: Sequence[str]) -> list[str]:
-    """The recordings that are meant, in order, each once: a recording itself; all that a folder holds, at any depth;
-    those that a text file lists, a line each; an address as it is. Paths are whole ones: a cluster's workers find
-    them, too, and a journal tells another folder's recordings apart.
+    """The recordings that are meant, in order, each once: a recording itself, all recordings in a folder at any depth,
+    those that a text file lists, and addresses as they are. Paths are absolute, so that a cluster's workers find them.
 
-    Raises InputError for what is not there, and for a folder or list without recordings.
+    Raises InputError for a folder or list without recordings.
     """
-    found = [each if is_address(each) else _whole(Path(each)) for text in given for each in _meant(text)]
+    found = [each if is_address(each) else _absolute(Path(each)) for text in given for each in _meant(text)]
     return list(dict.fromkeys(found))
 
 
-def _whole(path: Path) -> str:
-    """The path from the root; a link keeps its name, which is the recording's."""
+def _absolute(path: Path) -> str:
+    """The absolute path; a link keeps its name, which is the recording's."""
     return str(path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name)
 
 
@@ -51,10 +49,10 @@ def _meant(text: str) -> Iterator[str]:
         yield text.rstrip("/")
     elif path.suffix in _LISTS and path.is_file():
         lines = [line.strip() for line in text_lines(path)]
-        named = [line for line in lines if line and not line.startswith("#")]
-        if not named:
+        listed = [line for line in lines if line and not line.startswith("#")]
+        if not listed:
             raise InputError(f"{path}: lists no recording; expected a path in each line")
-        for line in named:
+        for line in listed:
             yield from _meant(line if is_address(line) else str(path.parent / line))
     elif path.is_dir() and not _is_recording(path):
         inside = list(_inside(path))
@@ -62,7 +60,7 @@ def _meant(text: str) -> Iterator[str]:
             raise InputError(f"{path}: neither a recording nor a folder that holds recordings")
         yield from inside
     else:
-        yield str(path)  # what is wrong with it is told by the run
+        yield str(path)  # the run says what is wrong with it
 
 
 def _is_recording(path: Path) -> bool:
@@ -81,101 +79,78 @@ def _inside(folder: Path) -> Iterator[str]:
             yield from _inside(path)
 
 
-def folder_names(recordings: Sequence[str], known: Mapping[str, str] | None = None) -> list[str]:
-    """A folder's name for each recording: its own, with a number where several have the same.
+def folder_names(recordings: Sequence[str], known: Mapping[str, str]) -> list[str]:
+    """The name of each recording's run: the recording's own, with a number where several have the same.
 
-    known: recording -> name, of recordings that have theirs.
+    known: names of runs by their recordings, which stay as they are.
     """
-    names = dict(known or {})
-    taken = set(names.values())
+    names = dict(known)
     for recording in recordings:
-        if recording in names:
-            continue
-        name = file_name(Path(recording).name if not is_address(recording) else recording.rsplit("/", 1)[-1])
+        name = unique = file_name(recording.rstrip("/").rsplit("/", 1)[-1])
         number = 1
-        while (unique := name if number == 1 else f"{name}-{number}") in taken:
+        while recording not in names and unique in names.values():
             number += 1
-        names[recording] = unique
-        taken.add(unique)
+            unique = f"{name}-{number}"
+        names.setdefault(recording, unique)
     return [names[recording] for recording in recordings]
 
 
-def names_in(place: str) -> set[str]:
-    """The names of what lies in a folder or below an address; none where it is not there.
-
-    Raises TouchlineError if it cannot be read.
-    """
-    try:
-        if not is_address(place):
-            return {path.name for path in Path(place).iterdir()}
-        system, path = open_store(place)
-        return {name.rstrip("/").rsplit("/", 1)[-1] for name in system.ls(path, detail=False)}
-    except FileNotFoundError:
-        return set()
-    except InputError:
-        raise
-    except Exception as error:  # each store has its own
-        raise TouchlineError(f"{place}: cannot be read ({type(error).__name__}: {error})") from None
-
-
 def fingerprint(recording: str) -> str:
-    """A hash of the names, sizes and times of a recording's files: another one means that it has changed.
+    """A hash of the names, sizes and times of a recording's files: another hash means that the recording has changed.
 
-    Of an address, its files' names and sizes. Empty where it cannot be looked at.
+    Of an address, the files' names and sizes. Empty where the files cannot be listed.
     """
     try:
         if is_address(recording):
             system, place = open_store(recording)
-            try:
-                found = system.find(place, detail=True)
-            except Exception:  # each store has its own
-                return ""
-            rows = [f"{name} {entry.get('size')}" for name, entry in sorted(found.items())]
+            files = system.find(place, detail=True).items()
+            rows = [f"{name} {entry.get('size')}" for name, entry in sorted(files)]
         else:
             path = Path(recording)
-            files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
-            rows = [f"{each} {(seen := each.stat()).st_size} {seen.st_mtime_ns}" for each in files]
-    except (OSError, TouchlineError):
+            paths = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
+            rows = [f"{each} {(seen := each.stat()).st_size} {seen.st_mtime_ns}" for each in paths]
+    except Exception:  # each store has its own
         return ""
     return hashlib.sha256("\n".join(rows).encode()).hexdigest()[:16]
 
 
 @contextmanager
-def at_hand(recording: str) -> Iterator[Path]:
-    """The recording as a path, for as long as the block lasts: an address is fetched.
-
-    Raises TouchlineError if it cannot be.
-    """
+def fetched(recording: str) -> Iterator[Path]:
+    """The recording as a path for as long as the block lasts. Raises TouchlineError if an address cannot be fetched."""
     if not is_address(recording):
         yield Path(recording)
         return
-    system, path = open_store(recording)
     with TemporaryDirectory() as scratch:
-        target = Path(scratch) / path.rsplit("/", 1)[-1]
-        try:
+        with opened(recording, "fetched") as (system, path):
+            target = Path(scratch) / path.rsplit("/", 1)[-1]
             system.get(path, str(target), recursive=True)
-        except Exception as error:  # each store has its own
-            raise TouchlineError(f"{recording}: cannot be fetched ({type(error).__name__}: {error})") from None
         try:
             yield target
         except TouchlineError as error:
             raise TouchlineError(str(error).replace(str(target), recording)) from None
 
 
-def keep(folder: Path, address: str) -> None:
-    """Copy a finished file or folder to an address, in place of an older one. Raises TouchlineError if it cannot be."""
-    system, path = open_store(address)
-    try:
-        if folder.is_dir() and system.exists(path):
+def upload(folder: Path, address: str) -> None:
+    """Copy a folder to an address, in place of an older one. Raises TouchlineError if it cannot be written."""
+    with opened(address, "written") as (system, path):
+        if system.exists(path):
             system.rm(path, recursive=True)
         system.makedirs(path.rpartition("/")[0], exist_ok=True)
         system.put(str(folder), path, recursive=True)
+
+
+@contextmanager
+def opened(address: str, what: str) -> Iterator[tuple[Any, str]]:
+    """An address's file system and the path in it. Errors within the block become a TouchlineError: not `what`."""
+    system, path = open_store(address)
+    try:
+        yield system, path
     except Exception as error:  # each store has its own
-        raise TouchlineError(f"{address}: cannot be written ({type(error).__name__}: {error})") from None
+        raise TouchlineError(f"{address}: cannot be {what} ({type(error).__name__}: {error})") from None
 
 
 def open_store(address: str) -> tuple[Any, str]:
-    """An address's file system and the path in it. Raises InputError where none is installed."""
+    """An address's file system and the path in it. Raises InputError where its package is not installed."""
     try:
         from fsspec.core import url_to_fs
 

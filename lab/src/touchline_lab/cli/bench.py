@@ -1,16 +1,13 @@
-"""`touchline bench`: how exact, how sure and how fast a localizer is, on point sets and on recordings."""
+"""`touchline bench`: how exact, how sure and how fast a localizer is, on a suite and on point sets."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
-from typer.core import TyperGroup
 
 from touchline.cli.console import (
     announce_compiling,
@@ -23,14 +20,11 @@ from touchline.cli.console import (
     wide_output,
 )
 from touchline.cli.options import DaskAddress, TimedWorkers, WorkerCount
-from touchline.errors import InputError, TouchlineError
-from touchline.messages import counted
+from touchline.errors import InputError
 
 if TYPE_CHECKING:
-    from touchline.season.bench import BenchRow
     from touchline_lab.bench.suite import Entry, Suite
     from touchline_lab.points.bench import PointBench
-    from touchline_lab.points.point_set import PointSet
 
 _DEG = 57.29578  # degrees in a radian
 _QUICK = 10  # --quick takes one robot in so many
@@ -47,24 +41,13 @@ OnlyRows = Annotated[
 ResultsFile = Annotated[
     Path, typer.Option("--output", "-o", metavar="FILE", help="The file of results; one that exists goes on.")
 ]
-Program = Annotated[
-    str | None, typer.Option(metavar="COMMAND", help="A localizer of your own instead: it answers lines.")
-]
 Quick = Annotated[bool, typer.Option("--quick", help="A tenth of the robots.")]
 
 
-class _BenchGroup(TyperGroup):
-    """A first word that is no subcommand is a recording, for the hidden command `recordings`."""
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        return super().resolve_command(ctx, args if args[0] in self.commands else ["recordings", *args])
-
-
 bench_app = typer.Typer(
-    cls=_BenchGroup,
-    subcommand_metavar="suite|export|score SUITE | points FILE.npz | RECORDING...",
+    subcommand_metavar="suite|export|score SUITE | points FILE.npz",
     no_args_is_help=True,
-    help="How exact, how sure and how fast: a system on a suite, a point set, or recordings that hold the truth.",
+    help="How exact, how sure and how fast: a system or any program on a suite, a localizer on a point set.",
 )
 
 
@@ -159,18 +142,12 @@ def score(
     _tell(of, results)
 
 
-def _check_one(system: str | None, program: str | None) -> None:
-    if system is not None and program is not None:
-        raise InputError("--system and --program exclude each other")
-
-
 @bench_app.command("points")
 def points(
     file: Annotated[Path, typer.Argument(metavar="FILE.npz", help="A point set.")],
     system: Annotated[
         str | None, typer.Option(help="touchline (the default), or a system for omnidirectional cameras.")
     ] = None,
-    program: Program = None,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Localise every frame of a point set: from a start, from the compass alone, from nothing.
@@ -178,77 +155,23 @@ def points(
     Mean errors, how many times the Cramér-Rao bound, share of right poses (20 cm, 5°; from nothing or
     the twin), time.
     """
-    _check_one(system, program)
     from touchline.messages import did_you_mean
-    from touchline_lab.points.localizers import OWN, point_systems
+    from touchline_lab.points.bench import bench_points
+    from touchline_lab.points.localizers import OWN, point_localizer, point_systems
     from touchline_lab.points.point_set import read_point_set
 
     name = system or OWN
     if name not in point_systems():
         raise InputError(f"--system {name}: {did_you_mean(name, list(point_systems()))}")
-    result = _bench_with_progress(read_point_set(file), name, program)
+    point_set = read_point_set(file)
+    with steps_shown("localising", 3 * len(point_set), compiles=True) as advance:
+        result = bench_points(point_set, point_localizer(name, point_set.field), advance)
     if json:
-        print_json({"name": program or name, "file": str(file), **result.to_dict()})
+        print_json({"name": name, "file": str(file), **result.to_dict()})
         return
     output().print(_point_table(result))
     bound = f"{100.0 * result.bound_position_m:.2f} cm, {_DEG * result.bound_heading_rad:.3f}°"
-    say(f"{program or name} on {file}; the Cramér-Rao bound is {bound}", style="dim")
-
-
-@bench_app.command("recordings", hidden=True)
-def recordings(
-    given: Annotated[
-        list[str],
-        typer.Argument(metavar="RECORDING...", help="Recordings that hold the truth, folders of some, a list.txt."),
-    ],
-    system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
-    program: Program = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
-    workers: TimedWorkers = 1,
-    dask: DaskAddress = None,
-) -> None:
-    """Run a system, or a program of your own, on recordings from nothing, and compare its poses with the truth.
-
-    What cannot be compared is a row that says so, and exit status 1 at the end; the others go on.
-    """
-    from touchline.evaluation.workers import ENDED, open_workers
-    from touchline.season import find_recordings
-    from touchline.season.bench import BenchRow, BenchTask, bench_row
-    from touchline.season.recordings import folder_names
-    from touchline.systems import DEFAULT_SYSTEM, system_info
-
-    _check_one(system, program)
-    name = system_info(system or DEFAULT_SYSTEM).name
-    found = find_recordings(given)
-    tasks = [BenchTask(*each) for each in zip(folder_names(found), found, strict=True)]
-    done: dict[str, BenchRow] = {}
-    with steps_shown("recordings", len(tasks), compiles=True) as advance, open_workers(workers, dask) as hands:
-        bench = partial(bench_row, system=name, program=program)
-        for row in hands.unordered(bench, tasks, lambda task: BenchRow(task.name, None, ENDED)):
-            done[row.name] = row
-            advance()
-    rows = [done[task.name] for task in tasks]
-    failed = [f"{row.name}: failed: {row.failure}" for row in rows if row.failure]
-    if json:
-        print_json({"system": program or name, "recordings": [row.to_dict() for row in rows]})
-    else:
-        wide_output().print(_recording_table(rows))
-        say(*failed)
-    if failed:
-        raise TouchlineError(f"{counted(len(failed), 'recording')} failed, the first: {failed[0]}")
-
-
-def _bench_with_progress(points: PointSet, name: str, program: str | None) -> PointBench:
-    from touchline.evaluation.outside_program import OutsideProgram
-    from touchline_lab.points.bench import bench_points
-    from touchline_lab.points.localizers import point_localizer
-
-    with (
-        steps_shown("localising", 3 * len(points), compiles=True) as advance,
-        nullcontext() if program is None else OutsideProgram(program, points.field) as outside,
-    ):
-        localizer = point_localizer(name, points.field) if outside is None else outside
-        return bench_points(points, localizer, advance)
+    say(f"{name} on {file}; the Cramér-Rao bound is {bound}", style="dim")
 
 
 def _point_table(result: PointBench) -> Table:
@@ -258,20 +181,6 @@ def _point_table(result: PointBench) -> Table:
         found, time = f"{100.0 * score.success:.2f}", f"{score.us_per_update:.1f}"
         rows.append((name, position, heading, f"{score.times_bound:.3f}", found, time))
     return _table(rows, "from", "position (cm)", "heading (°)", "× bound", "found (%)", "time (µs)")
-
-
-def _recording_table(found: list[BenchRow]) -> Table:
-    rows = []
-    for name, score, _ in found:
-        if score is None:
-            rows.append((name, *[""] * 7, "failed"))
-            continue
-        figures = (score.mean_position_m, score.max_position_m, score.mean_heading_rad, score.max_heading_rad)
-        scaled = [f"{scale * value:.2f}" for scale, value in zip((100.0, 100.0, _DEG, _DEG), figures, strict=True)]
-        counts = (str(score.images), f"{100.0 * score.tracked:.1f}")
-        rows.append((name, *counts, *scaled, f"{score.ms_per_image:.2f}", score.problems))
-    titles = "position (cm)", "largest (cm)", "heading (°)", "largest (°)", "time (ms)", "problems"
-    return _table(rows, "recording", "images", "tracked (%)", *titles)
 
 
 def _table(rows: Sequence[Sequence[str]], *titles: str) -> Table:

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import touchline
 from touchline.errors import InputError
 from touchline.evaluation.latency import cpu_name
-from touchline.evaluation.workers import Here, Workers
+from touchline.evaluation.workers import Workers
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 from touchline.geometry import FloatArray
@@ -51,7 +51,8 @@ class Kept(NamedTuple):
 
 _KEPT: ContextVar[Kept | None] = ContextVar("kept", default=None)
 _FIRST_SEED: ContextVar[int] = ContextVar("first seed", default=0)
-_WORKERS: ContextVar[Workers] = ContextVar("workers", default=Here())  # noqa: B039  # it holds nothing
+_WORKERS: ContextVar[Workers] = ContextVar("workers", default=Workers())  # noqa: B039  # frozen
+_DRAWS = 2000
 PAGE = "results.md"
 _MAX_BYTES = 10_000_000
 _MAX_KEPT = 500_000_000
@@ -76,7 +77,7 @@ def progress_to(
     """
     before: list[tuple[ContextVar[Any], Token[Any]]] = [
         (_LISTENER, _LISTENER.set(listener)),
-        (_WORKERS, _WORKERS.set(workers or Here())),
+        (_WORKERS, _WORKERS.set(workers or Workers())),
         (_KEPT, _KEPT.set(kept)),
         (_FIRST_SEED, _FIRST_SEED.set(first_seed)),
     ]

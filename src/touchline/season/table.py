@@ -1,0 +1,154 @@
+"""The table of a season: a row for each recording that is done, as CSV or Parquet. Units stand in the columns' names.
+
+Each new row replaces the whole file, so that a table is never half written.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from touchline.config import leaves, settings_tree
+from touchline.errors import InputError
+from touchline.evaluation.summary import RunErrors, RunSummary
+from touchline.files.new import replace_file
+from touchline.files.opened import read_bytes
+from touchline.season.recordings import is_address, opened
+from touchline.systems import system_info
+
+CSV, PARQUET = "runs.csv", "runs.parquet"
+Row = dict[str, Any]
+_MAX_BYTES = 1_000_000_000
+_TEXTS = (
+    *("run", "recording", "field", "system", "settings", "version", "started"),
+    *("notices", "problems", "said", "ended", "failure", "inputs", "command"),
+)
+_COUNTS = ("seed", "images", "tracking", "searching", "lost", "missing_images", "black_images", "end_open_images")
+_FIGURES = (
+    *("duration_s", "rate_images_s", "time_median_ms", "time_p99_ms"),
+    *("position_mean_m", "position_median_m", "position_max_m", "heading_mean_rad", "heading_max_rad"),
+    *("tracked_position_mean_m", "tracked_position_max_m"),
+)
+COLUMNS = (*_TEXTS[:7], *_COUNTS, *_FIGURES, *_TEXTS[7:])
+
+
+class Table:
+    """runs.csv, or runs.parquet, in a folder or below an address. rows: by the names of the runs.
+
+    Raises InputError for a file that is no such table, and for Parquet without pyarrow.
+    """
+
+    def __init__(self, place: str, parquet: bool = False) -> None:
+        self.path = f"{place}/{PARQUET if parquet else CSV}"
+        if parquet:
+            _pyarrow()
+        data = self._read()
+        self.exists = data is not None
+        try:
+            rows = [] if data is None else (_rows_of_parquet(data) if parquet else _rows_of_csv(data))
+            self.rows: dict[str, Row] = {row["run"]: row for row in rows}
+            self.commands = [json.loads(row["command"]) for row in rows if not row["failure"]]
+        except (ValueError, KeyError, TypeError):
+            raise InputError(f"{self.path}: is no table of touchline season; choose another folder") from None
+
+    def write(self, last: Sequence[str] = ()) -> None:
+        """Write all rows, those of the runs in `last` behind the others and in their order."""
+        order = [*(name for name in self.rows if name not in last), *(name for name in last if name in self.rows)]
+        rows = [self.rows[name] for name in order]
+        data = _parquet(rows) if self.path.endswith(PARQUET) else _csv(rows)
+        if is_address(self.path):
+            with opened(self.path, "written") as (system, path):
+                system.makedirs(path.rpartition("/")[0], exist_ok=True)
+                system.pipe_file(path, data)
+        else:
+            replace_file(Path(self.path), data)
+
+    def _read(self) -> bytes | None:
+        """None where there is no such file."""
+        if not is_address(self.path):
+            return read_bytes(Path(self.path), _MAX_BYTES) if Path(self.path).exists() else None
+        with opened(self.path, "read") as (system, path):
+            return bytes(system.cat_file(path)) if system.exists(path) else None
+
+
+def row_of(summary: RunSummary) -> Row:
+    """What a row says of a finished run: counts, times, errors where the recording holds truth, what was said."""
+    defaults = leaves(settings_tree(system_info(summary.system).settings()))
+    changed = [f"{key}={value}" for key, value in leaves(summary.settings).items() if defaults.get(key) != value]
+    problems = [f"{count} × {kind}" for kind, count in summary.problems.counts.items()]
+    latency_ms = summary.latency_ms.total
+    return {
+        "field": summary.recording.field,
+        "system": summary.system,
+        "settings": "; ".join(changed),
+        "version": summary.versions["touchline"],
+        "started": summary.started,
+        "seed": summary.seed,
+        "images": summary.frames,
+        **summary.status,
+        "missing_images": summary.missing_images,
+        "black_images": summary.black_images.count,
+        "end_open_images": summary.either_side.count,
+        "duration_s": summary.duration_s,
+        "rate_images_s": summary.rate_fps,
+        "time_median_ms": latency_ms.median,
+        "time_p99_ms": latency_ms.p99,
+        **({} if summary.errors is None else _errors(summary.errors)),
+        "notices": " ".join(summary.notices),
+        "problems": "; ".join(problems),
+        "said": "; ".join(each.what for each in summary.said),
+        "ended": summary.ended,
+    }
+
+
+def _errors(errors: RunErrors) -> Row:
+    position, heading, tracked = errors.position_m, errors.heading_rad, errors.tracked_position_m
+    return {
+        "position_mean_m": position.mean,
+        "position_median_m": position.median,
+        "position_max_m": position.max,
+        "heading_mean_rad": heading.mean,
+        "heading_max_rad": heading.max,
+        "tracked_position_mean_m": None if tracked is None else tracked.mean,
+        "tracked_position_max_m": None if tracked is None else tracked.max,
+    }
+
+
+def _csv(rows: Sequence[Row]) -> bytes:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().encode(errors="backslashreplace")  # a path may be no UTF-8
+
+
+def _rows_of_csv(data: bytes) -> list[Row]:
+    return list(csv.DictReader(io.StringIO(data.decode(), newline="")))
+
+
+def _parquet(rows: Sequence[Row]) -> bytes:
+    pyarrow = _pyarrow()
+    kinds = {
+        **dict.fromkeys(_TEXTS, pyarrow.string()),
+        **dict.fromkeys(_COUNTS, pyarrow.int64()),
+        **dict.fromkeys(_FIGURES, pyarrow.float64()),
+    }
+    columns = {name: pyarrow.array([row.get(name) for row in rows], kinds[name]) for name in COLUMNS}
+    buffer = pyarrow.BufferOutputStream()
+    pyarrow.parquet.write_table(pyarrow.table(columns), buffer)
+    return bytes(buffer.getvalue())
+
+
+def _rows_of_parquet(data: bytes) -> list[Row]:
+    pyarrow = _pyarrow()
+    return list(pyarrow.parquet.read_table(pyarrow.BufferReader(data)).to_pylist())
+
+
+def _pyarrow() -> Any:
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError("--parquet needs pyarrow, which is not installed: pip install 'touchline[season]'") from None
+    return pyarrow
