@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 from replays import FACTS, GOLDENS, LIST, MACHINE, Facts, facts_of, name_of, replayed, trajectory
 
+STYLE: Any = {"default_flow_style": True, "width": math.inf, "sort_keys": False, "allow_unicode": True}
 MARGIN = 1.1  # of the bound of a mean error to the error
 
 
@@ -46,7 +47,9 @@ def main(word: str = "") -> None:
         print(f"{name}: {tracked} of {len(estimates)} tracked, {took_s:.2f} s", flush=True)
         for key in FACTS:
             print(f"  {key}: {after[key]}" + ("" if before[key] == after[key] else f" (was {before[key]})"))
-        dumped = yaml.safe_dump(row | after, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True)
+        dumped = yaml.safe_dump(
+            row | after, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
+        )
         lines[k] = f"- {dumped.strip()}"
     LIST.write_text("\n".join(lines) + "\n", encoding="utf-8")
     GOLDENS.parent.mkdir(parents=True, exist_ok=True)

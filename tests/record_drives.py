@@ -21,7 +21,7 @@ from touchline.experiments.catalogue import CATALOGUE, CLOUD, MIRROR, walk_of_po
 from touchline.experiments.catalogue import FEATURES as WALK
 from touchline.experiments.drives import Drive, drive_of, driven
 from touchline.experiments.injections import Change, Fault, Random, seen_as, with_steps
-from touchline.experiments.schulz_runs import AS_BUILT, PANNING, Robot, start_about, walk
+from touchline.experiments.schulz_runs import AS_BUILT, AS_SIMULATED, PANNING, Robot, random_areas, start_about, walk
 from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray, Pose, Pose3
 from touchline.simulation.cameras.omni import omni_mapping
 from touchline.simulation.run import Simulation
@@ -33,6 +33,10 @@ MAX_POINTS = 120  # of an image of a drive with faults
 AFTER_S = 25.0  # of a drive that are not recorded: robots are carried there
 HEAD_M = np.array([0.0, 0.0, 1.1])
 CALM = ("others.robots=0", "others.balls=0")
+MATCH_DAY = (
+    "game.half_s=50", "game.every_s=5",
+    "motion.waypoints=[[-3.0,1.5,0],[-1.0,-1.5,0],[2.0,1.0,0],[3.0,-2.0,0],[-2.0,0.5,0]]",
+)  # fmt: skip
 STAND = ("motion.kind=stand", "motion.speed_m_s=1.2", "motion.acceleration_m_s2=2.0", "motion.turn_rad_s=2.0")
 SLOW, HALF = "motion.speed_m_s=1.0", "camera.black_sectors_deg=[[0,180]]"
 LENS = "lens"
@@ -95,7 +99,6 @@ DRIVES = {
     # mirrors
     "match": Recorded(MIRROR, _M, 10.0),
     "match-unknown": Recorded(MIRROR, _M, 8.0, seed=1, changes=("motion.speed_m_s=1.5",), start=False),
-    "match-ideal": Recorded(MIRROR, _M, 6.0, seed=2, changes=("ideal=true",)),
     "tracks": Recorded(MIRROR, _T, 8.0),
     "tracks-arrived": Recorded(MIRROR, _T, 10.0, seed=3, changes=("camera.delay_s=0.1", "camera.stamped=arrived")),
     "tracks-tilted": Recorded(
@@ -146,18 +149,18 @@ DRIVES = {
     "compass-turned": Recorded(MIRROR, _M, 12.0, (("compass turned for 10 s", 2.0, 99.0),), changes=(SLOW, *CALM)),
     "compass-stuck": Recorded(MIRROR, _M, 8.0, (("compass stuck", 3.0, 99.0),), start=False),
     "compass-drifts": Recorded(MIRROR, _M, 9.0, (("compass drifts, 5°/s", 1.0, 99.0),), seed=2),
-    "half-wrong": Recorded(MIRROR, _T, 7.0, (("wrong half told", 0.0, 99.0),)),
+    "half-wrong": Recorded(MIRROR, _M, 9.0, (("wrong half told", 0.0, 99.0),), seed=2),
     # humanoids
-    "walk-referee": Recorded(WALK, _H, 40.0, changes=("game.half_s=24", "game.every_s=9"), start=False),
-    "walk-team": Recorded(WALK, _H, 14.0, seed=2, start=False, told=with_team),
+    "walk-referee": Recorded(WALK, _H, 62.0, changes=(*MATCH_DAY, "camera.rate_hz=4"), start=False, robot=AS_SIMULATED),
+    "walk-team": Recorded(WALK, _H, 14.0, seed=4, changes=random_areas(_H, 4), start=False, told=with_team),
     "lens": Recorded(LENS, "humanoid-walk", 10.0),
     "lens-unknown": Recorded(LENS, "humanoid-walk", 10.0, seed=1, changes=("field=humanoid-kid-9x6",), start=False),
     "fisheye": Recorded(LENS, "humanoid-fisheye", 10.0),
     "walk-hsl": Recorded(WALK, _H, 15.0, robot=AS_BUILT),
-    "walk-kid": Recorded(WALK, "humanoid-kid-9x6", 15.0, seed=1, start=False),
-    "walk-indoor": Recorded(WALK, "indoor-9x6", 15.0, seed=1, start=False),
+    "walk-kid": Recorded(WALK, "humanoid-kid-9x6", 15.0, seed=1, changes=random_areas("humanoid-kid-9x6", 1)),
+    "walk-indoor": Recorded(WALK, "indoor-9x6", 15.0, seed=2, changes=random_areas("indoor-9x6", 2), start=False),
     "walk-large": Recorded(WALK, "hsl-l-22x14", 12.0),
-    "walk-pans": Recorded(WALK, _H, 20.0, robot=PANNING, told=with_heads),
+    "walk-pans": Recorded(WALK, _H, 18.0, seed=3, changes=random_areas(_H, 3), robot=PANNING, told=with_heads),
     "walk-kidnap": Recorded(WALK, "humanoid-kid-9x6", 18.0, (("kidnapped", 6.0, 8.0),)),
     "walk-falls": Recorded(WALK, _H, 30.0, (("three falls, garbage while lying", 5.0, 99.0),)),
     "walk-odometry-wrong": Recorded(WALK, _H, 18.0, (("odometry turns the wrong way", 4.0, 99.0),)),
@@ -167,8 +170,6 @@ DRIVES = {
         WALK, "humanoid-kid-9x6", 16.0,
         (("60 % of the crossings are none", 3.0, 8.0), ("four bars of nets besides", 9.0, 99.0)),
     ),
-    "walk-mirrored": Recorded(WALK, "indoor-9x6", 14.0, (("mirrored", 4.0, 99.0),)),
-    "walk-clock": Recorded(WALK, _H, 18.0, (("camera's clock 300 ms fast", 0.0, 99.0),)),
     "cloud": Recorded(CLOUD, _H, 15.0, start=False),
     "cloud-kid": Recorded(CLOUD, "humanoid-kid-9x6", 15.0, (("20–40 % robots and nets", 0.0, 99.0),)),
     "cloud-low": Recorded(CLOUD, _H, 14.0, (("camera 3° lower", 0.0, 99.0),)),

@@ -1,7 +1,7 @@
 """Replays: what each system makes of recorded drives and short recordings. `replays.yaml` lists them with their facts.
 
 A row of the list: `drive` (of tests/data/drives) or `recording` (of tests/data), `system`, and where they differ from
-the usual `settings`, `preset`, `start` (nothing, own half, or a pose), `without` (what of a frame is hidden), `forget`
+the usual `settings`, `preset`, `start` (nothing, own half, zone, true), `without` (what of a frame is hidden), `forget`
 (the images before which the system is reset), `images` (so many alone), `every` (one in so many).
 """
 
@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,10 +20,10 @@ import yaml
 from drives import Drive, open_drive
 from llvmlite.binding import get_host_cpu_name
 
-from touchline.config import load_settings, settings_from_mapping
+from touchline.config import load_settings
 from touchline.errors import NoFitError
 from touchline.evaluation.runner import robot_setup
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, IntArray, Pose, wrap_angle
 from touchline.localization.one_shot.locate import locate
 from touchline.messages import without_numbers
 from touchline.sources import open_source
@@ -34,7 +33,10 @@ from touchline.types import Estimate, Frame, Prior, Status
 
 DATA = Path(__file__).parent / "data"
 LIST, GOLDENS = Path(__file__).with_name("replays.yaml"), DATA / "goldens" / "replays.npz"
+ZONE = np.diag([2.0, 2.0, 1.0])
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)
+POSE_UNIT = 1e-7  # m, rad
+LOOK_EVERY = 16  # images after which a golden file keeps where to look
 FACTS = ("error_m", "wrong", "codes")
 MACHINE = f"NumPy {np.__version__}, OpenCV {cv2.__version__}, {get_host_cpu_name()}"
 
@@ -130,14 +132,16 @@ def hidden(names: Iterable[str]) -> dict[str, Any]:
 def start_of(said: Any, of: Drive) -> Prior | None:
     if said == "as recorded":
         return of.start
-    if said == "true":
-        return Prior(Pose(*of.truth[0].tolist()))
+    if said in ("true", "zone"):
+        return Prior(Pose(*of.truth[0].tolist()), covariance=ZONE if said == "zone" else None)
     return {"nothing": None, "own half": Prior(own_half=True)}[said]
 
 
 def facts_of(estimates: Sequence[Estimate], truth: FloatArray) -> Facts:
     """What must stay."""
-    tracked = [(e.pose, Pose(*t)) for e, t in zip(estimates, truth.tolist(), strict=True) if e.status is Status.TRACKING]
+    tracked = [
+        (e.pose, Pose(*t)) for e, t in zip(estimates, truth.tolist(), strict=True) if e.status is Status.TRACKING
+    ]
     away_m = [pose.distance_to(true) for pose, true in tracked]
     turned = [abs(wrap_angle(pose.heading - true.heading)) for pose, true in tracked]
     wrong = sum(m > WRONG_M or rad > WRONG_RAD for m, rad in zip(away_m, turned, strict=True))
@@ -150,18 +154,21 @@ def codes(estimate: Estimate) -> Iterator[str]:
         yield str(getattr(problem, "code", without_numbers(str(problem))))
 
 
-def trajectory(estimates: Sequence[Estimate]) -> tuple[FloatArray, FloatArray]:
-    """What a golden file keeps of estimates: poses (N, 3), and of all else (N, K) float32."""
-    poses = np.array([e.pose for e in estimates]).round(9)
-    return poses, np.array([list(_others(e)) for e in estimates], dtype=np.float32)
+def trajectory(estimates: Sequence[Estimate]) -> tuple[IntArray, FloatArray]:
+    """What a golden file keeps of estimates: poses (3, N) in POSE_UNIT, and of all else (K, N) float32 of 16 bits."""
+    poses = np.rint(np.array([e.pose for e in estimates]).T / POSE_UNIT).astype(np.int32)
+    others = np.array([list(_others(e, k)) for k, e in enumerate(estimates)], dtype=np.float32).T.copy()
+    return poses, (others.view(np.int32) & ~0xFF).view(np.float32)
 
 
-def _others(e: Estimate) -> Iterator[float]:
+def _others(e: Estimate, k: int) -> Iterator[float]:
     nan = math.nan
-    yield from (e.covariance[0, 0], e.covariance[1, 1], e.covariance[2, 2], e.covariance[0, 1])
+    look = e.look if k % LOOK_EVERY == 0 else None
+    yield nan if look is None else look.bearing_rad + look.nats
+    yield from (np.trace(e.covariance[:2, :2]), e.covariance[2, 2] + e.covariance[0, 2])
     yield from (list(Status).index(e.status), e.residual_m, e.points, len(e.hypotheses), len(e.problems))
     yield sum(other.pose.x + other.pose.y for other in e.hypotheses)
-    for value in (e.probability, e.end_probability, e.protection_m, e.protection_rad):
+    for value in (e.probability, e.end_probability, e.protection_m):
         yield nan if value is None else value
     yield nan if e.odometry is None else sum(e.odometry.errors)
     yield nan if e.camera_errors is None else float(np.abs(e.camera_errors).sum())
