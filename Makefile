@@ -8,7 +8,7 @@ WHEEL := .venv-wheel
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz mutants test-lowest package benchmark pages clean zenoh
+.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz goldens mutants test-lowest package benchmark pages clean zenoh
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -116,6 +116,10 @@ mutants: N ?= 1
 mutants: SEED ?= 0
 mutants: $(VENV)/installed
 	$(BIN)/python tests/mutants.py $(N) --seed $(SEED)
+
+# Golden trajectories and facts of the replays, from this code: prints each fact before and after.
+goldens: $(VENV)/installed
+	$(BIN)/python tests/goldens.py
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name
