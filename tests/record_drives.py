@@ -104,6 +104,13 @@ DRIVES = {
     "tracks-tilted": Recorded(
         MIRROR, _T, 10.0, seed=5, changes=("camera.known_from=design", "camera.mirror.tilt_spread_deg=0.6")
     ),
+    "mirror-askew": Recorded(
+        MIRROR, _T, 7.0, seed=6, changes=("camera.known_from=design", "camera.mirror.tilt_spread_deg=2.0")
+    ),
+    "outside": Recorded(
+        MIRROR, _M, 6.0,
+        changes=("motion.kind=waypoints", "motion.margin_m=0.8", "motion.waypoints=[[6,1,0],[10.4,4,0]]"),
+    ),
     "tour": Recorded(MIRROR, "tour-20", 8.0),
     "tour-unknown": Recorded(MIRROR, "tour-20", 8.0, seed=1, start=False),
     "stand": Recorded(MIRROR, _M, 4.0, changes=STAND),
