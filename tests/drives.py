@@ -102,24 +102,19 @@ def _points(data: Mapping[str, Any]) -> list[LinePoints]:
     c, s = np.cos(bearings), np.sin(bearings)
     beside = (along - across) * c * s
     covariances = np.stack((along * c * c + across * s * s, beside, beside, along * s * s + across * c * c), axis=-1)
-    columns = (
-        *(places, covariances.reshape(-1, 2, 2)),
-        *(CONFIDENCE * data["points_confidences"], np.full(places.shape, np.nan)),
-    )
+    confidences, pixels = CONFIDENCE * data["points_confidences"], np.full(places.shape, np.nan)
+    columns = places, covariances.reshape(-1, 2, 2), confidences, pixels
     return [LinePoints(*(column[rows] for column in columns)) for rows in _ends(data, "points")]
 
 
 def _features(data: Mapping[str, Any], name: str, colors: list[list[str]]) -> list[Any]:
     kind, found = FEATURES[name], []
+    known = [column.name for column in fields(kind) if f"{name}_{column.name}" in data]
     for rows in _ends(data, name):
-        count = rows.stop - rows.start
-        columns: dict[str, Any] = {"pixels": np.full((count, *kind.SHAPES["pixels"]), np.nan)}
-        for each in (field.name for field in fields(kind)):
-            if each == "kinds":
-                columns[each] = data[f"{name}_kinds"][rows]
-            elif each == "colors":
-                columns[each] = tuple(map(tuple, colors[rows]))
-            elif each != "pixels":
-                columns[each] = data[f"{name}_{each}"][rows].astype(np.float64)
+        columns = {column: data[f"{name}_{column}"][rows] for column in known}
+        columns |= {column: values.astype(np.float64) for column, values in columns.items() if column != "kinds"}
+        columns["pixels"] = np.full((rows.stop - rows.start, *kind.SHAPES["pixels"]), np.nan)
+        if name == "landmarks":
+            columns["colors"] = tuple(map(tuple, colors[rows]))
         found.append(kind(**columns))
     return found
