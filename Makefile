@@ -9,8 +9,12 @@ INSTALL := $(BIN)/uv pip install --quiet --python $(BIN)/python
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
+<<<<<<< HEAD
 .PHONY: demo test test-all style contracts loops tests slow browser cluster season mutated processes docs tutorials ros \
 	coverage fuzz goldens mutants compare test-lowest package kernels benchmark pages clean
+=======
+.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz goldens mutants test-lowest package benchmark pages clean zenoh
+>>>>>>> h-replays
 
 demo: $(VENV)/demo
 	$(BIN)/touchline demo
@@ -131,6 +135,10 @@ mutants: N ?= 1
 mutants: SEED ?= 0
 mutants: loops
 	$(BIN)/python tests/mutants.py $(if $(LIST),--list $(LIST),$(N) --seed $(SEED))
+
+# Golden trajectories and facts of the replays, from this code: prints each fact before and after.
+goldens: $(VENV)/installed
+	$(BIN)/python tests/goldens.py
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest lab/benchmarks --benchmark-only --benchmark-sort=name
