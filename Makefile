@@ -9,12 +9,8 @@ INSTALL := $(BIN)/uv pip install --quiet --python $(BIN)/python
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-<<<<<<< HEAD
 .PHONY: demo test test-all style contracts loops tests slow browser cluster season mutated processes docs tutorials ros \
 	coverage fuzz goldens mutants compare test-lowest package kernels benchmark pages clean
-=======
-.PHONY: demo test test-all style loops kernels tests browser cluster season docs tutorials mutated fastdds ros processes coverage fuzz goldens mutants test-lowest package benchmark pages clean zenoh
->>>>>>> h-replays
 
 demo: $(VENV)/demo
 	$(BIN)/touchline demo
