@@ -132,10 +132,6 @@ mutants: SEED ?= 0
 mutants: loops
 	$(BIN)/python tests/mutants.py $(if $(LIST),--list $(LIST),$(N) --seed $(SEED))
 
-# Golden trajectories and facts of the replays, from this code: prints each fact before and after.
-goldens: $(VENV)/installed
-	$(BIN)/python tests/goldens.py
-
 benchmark: $(VENV)/installed
 	$(BIN)/pytest lab/benchmarks --benchmark-only --benchmark-sort=name
 

@@ -25,7 +25,6 @@ from touchline.errors import NoFitError
 from touchline.evaluation.runner import robot_setup
 from touchline.geometry import FloatArray, IntArray, Pose, wrap_angle
 from touchline.localization.one_shot.locate import locate
-from touchline.messages import without_numbers
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system, system_info
 from touchline.systems.ordered import OrderedSystem
@@ -151,7 +150,7 @@ def facts_of(estimates: Sequence[Estimate], truth: FloatArray) -> Facts:
 def codes(estimate: Estimate) -> Iterator[str]:
     """Of an estimate's problems."""
     for problem in estimate.problems:
-        yield str(getattr(problem, "code", without_numbers(str(problem))))
+        yield problem.code
 
 
 def trajectory(estimates: Sequence[Estimate]) -> tuple[IntArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""Writes tests/data/drives by the simulator: `python tests/record_drives.py [NAME…]`.
+"""Writes tests/data/drives by the simulator: `python lab/tests/record_drives.py [NAME…]`.
 
 A drive is one of a simulated robot at observation level, with faults of the catalogue in it.
 """
