@@ -8,9 +8,8 @@ Written are poses, covariances, statuses, residuals and hypotheses of all system
 TOUCHLINE_DATA (or in shared/data beside the checkout), humanoids' from nowhere and from the true start, and on 44
 scenarios at observation level; matching, global search and particles on the points set.
 
-The package is whichever Python finds first: PYTHONPATH=OTHER/src writes another checkout's numbers by this script. A
-row that another checkout has no part for is left out by name. `--only TEXT` takes the rows whose name contains the
-text. Exit status 1 if anything differs.
+The package is whichever Python finds first: PYTHONPATH=OTHER/src:OTHER/lab/src writes another checkout's numbers by this
+script. `--only TEXT` takes the rows whose name contains the text. Exit status 1 if anything differs.
 """
 
 from __future__ import annotations
@@ -23,18 +22,16 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("TOUCHLINE_DATA", ROOT.parent / "shared" / "data"))
 MIRROR_SYSTEMS = ("touchline", "nubot-mti", "nubot-mcl", "nubot-mcl-alone", "iris-fusion")
 HUMANOID_SYSTEMS = ("touchline", "nimbro-lines")
 SECONDS = 20.0
 POINT_FRAMES = 200
-NUBOT_PLACES = ("", ".published.nubot", ".published.nubot.particles", ".particles.nubot_particles")
 STATUSES = ("tracking", "searching", "lost")
 MIRROR_SCENARIOS = (  # name, seed, changes
     *((name, seed, ()) for name in ("match", "straight-tracks", "tour-20") for seed in (0, 1, 2)),
@@ -151,39 +148,24 @@ def walk_from_true_start(made: tuple, name: str) -> np.ndarray:
     return drive(walk, name, walk.start)
 
 
-def named(name: str):
-    """A part of NuBot's by its name, from wherever this checkout has it."""
-    for place in NUBOT_PLACES:
-        try:
-            return getattr(import_module(f"touchline.localization{place}"), name)
-        except (ImportError, AttributeError):
-            continue
-    raise ImportError(f"{name} is in none of the places known to this script")
-
-
 def point_sets() -> Rows:
     from touchline.field import open_field
     from touchline.geometry import Pose
-
-    try:
-        matcher_of, search_of, settings_of, range_weights = (
-            named(name) for name in ("Matcher", "GlobalSearch", "WeightSettings", "range_weights")
-        )
-        particles_of, particle_settings_of = (named(name) for name in ("NubotParticles", "NubotParticleSettings"))
-    except ImportError as error:
-        print(f"points: left out, {error}")
-        return
+    from touchline.localization.registration.weights import WeightSettings, range_weights
+    from touchline.published.nubot.global_search import GlobalSearch
+    from touchline.published.nubot.matcher import Matcher
+    from touchline.published.nubot_mcl.particles import NubotParticles, NubotParticleSettings
 
     path = DATA / "points" / "msl_18x12.npz"
     if not path.is_file():
         return
     data = np.load(path)
     field = open_field("msl-18x12")
-    matcher = matcher_of(field.distance_map())
-    search = search_of(matcher, field.length, field.width)
+    matcher = Matcher(field.distance_map())
+    search = GlobalSearch(matcher, field.length, field.width)
     offsets = data["offsets"]
     views = [np.ascontiguousarray(data["points"][offsets[i] : offsets[i + 1]]) for i in range(POINT_FRAMES)]
-    weights = [range_weights(view, settings_of()) for view in views]
+    weights = [range_weights(view, WeightSettings()) for view in views]
 
     def matching() -> np.ndarray:
         found = (matcher.match(v, w, Pose(*s)) for v, w, s in zip(views, weights, data["init"], strict=False))
@@ -197,7 +179,7 @@ def point_sets() -> Rows:
         rows = []
         for index, (view, weight) in enumerate(zip(views[:50], weights, strict=False)):
             rng = np.random.default_rng(index)
-            mcl = particles_of(matcher, field.length, field.width, rng, particle_settings_of())
+            mcl = NubotParticles(matcher, field.length, field.width, rng, NubotParticleSettings())
             mcl.restart(float(data["compass"][index]))
             found = mcl.update(view, weight)
             rows.append((*found.pose, *np.ravel(found.covariance)))
@@ -232,7 +214,8 @@ def write_revision(revision: str, path: Path, only: str) -> None:
         subprocess.run([*git, "add", "--quiet", "--detach", str(checkout), revision], check=True)
         try:
             command = [sys.executable, __file__, "--write", str(path), "--only", only]
-            environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "TOUCHLINE_DATA": str(DATA)}
+            packages = f"{checkout / 'src'}:{checkout / 'lab' / 'src'}"
+            environment = {**os.environ, "PYTHONPATH": packages, "TOUCHLINE_DATA": str(DATA)}
             subprocess.run(command, cwd=checkout, env=environment, check=True, stdout=subprocess.DEVNULL)
         finally:
             subprocess.run([*git, "remove", "--force", str(checkout)], check=True)
