@@ -8,8 +8,8 @@ Written are poses, covariances, statuses, residuals and hypotheses of all system
 TOUCHLINE_DATA (or in shared/data beside the checkout), humanoids' from nowhere and from the true start, and on 44
 scenarios at observation level; matching, global search and particles on the points set.
 
-The package is whichever Python finds first: PYTHONPATH=OTHER/src:OTHER/lab/src writes another checkout's numbers by this
-script. `--only TEXT` takes the rows whose name contains the text. Exit status 1 if anything differs.
+The package is whichever Python finds first: PYTHONPATH=OTHER/src:OTHER/lab/src writes another checkout's numbers by
+this script. `--only TEXT` takes the rows whose name contains the text. Exit status 1 if anything differs.
 """
 
 from __future__ import annotations
