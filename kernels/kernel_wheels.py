@@ -27,7 +27,7 @@ from touchline.packed_loops import DESCRIPTION, PACKAGE, surroundings
 
 HERE = Path(__file__).resolve().parent
 SOURCES = Path(touchline.__file__).parent
-ALL_LOOPS = "from touchline.cli import main; main(['compile', '--all'])"
+ALL_LOOPS = "from touchline.cli import main; main(['compile', '--all', '--workers', '1'])"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from touchline.cli.console import errors_console, say
+from touchline.cli.options import WorkerCount
 from touchline.compiling import without_c_wrappers
 from touchline.messages import counted
 from touchline.packed_loops import packed_loops_taken, take_packed_loops
@@ -30,6 +31,7 @@ def compile_loops(
     everything: Annotated[
         bool, typer.Option("--all", help="Those of the calibrations and of other packages, too: a minute more.")
     ] = False,
+    workers: WorkerCount = None,
 ) -> None:
     """Compile the inner loops of every system once, so that no later start waits for it; for installers and images.
 
@@ -52,7 +54,7 @@ def compile_loops(
     if everything:
         steps += [("calibrations", _calibrate_example)]
         steps += [(name, entry.load()) for name, entry in entry_points_of("touchline.loops").items()]
-    compiled = 0
+    compiled = _compiled_side_by_side(workers)
     for number, (name, example) in enumerate(steps, 1):
         started = time.perf_counter()
         with _compiled() as names:
@@ -66,6 +68,23 @@ def compile_loops(
     ready = f"ready: {taken} from the wheel, {compiled or 'none'} compiled" if taken else "compiled"
     kept = "; code compiled here is kept beside the package, or in NUMBA_CACHE_DIR if that is set"
     say(f"all loops are {ready}{kept if compiled or not taken else ''}")
+
+
+def _compiled_side_by_side(workers: int | None) -> int:
+    """How many loops the largest examples have compiled, each in a process of its own; what is left comes in order."""
+    from touchline.evaluation.workers import open_workers
+
+    with open_workers(workers) as processes:
+        if processes.count == 1:
+            return 0
+        say(f"compiling in {min(processes.count, len(_LARGEST))} processes")
+        return sum(processes.map(_compiled_by, list(_LARGEST)))
+
+
+def _compiled_by(name: str) -> int:
+    with _compiled() as names:
+        _LARGEST[name]("touchline")
+    return len(names)
 
 
 def _each(examples: Sequence[Callable[[str], None]], system: str) -> None:
@@ -266,3 +285,6 @@ def _calibrate_example() -> None:
     image = next(frame.image for frame in open_source(example_recording()) if frame.image is not None)
     with suppress(TouchlineError):
         calibrate_images([image], open_field("msl-18x12"))
+
+
+_LARGEST: dict[str, Callable[[str], None]] = {"mirror": _run_example, "humanoid": _walk_example}
