@@ -11,6 +11,16 @@ from touchline.calibration.nearest_line import outward
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 
+POLAR = (0.02, 0.01, 0.0087)  # of the range as a share of it and in m, of the bearing in rad
+
+
+def polar_covariances(positions_m: FloatArray, noise: tuple[float, float, float] = POLAR) -> FloatArray:
+    """Covariances (N, 2, 2) in m² of positions (N, 2) that a camera has seen."""
+    ranges, bearings = np.hypot(*positions_m.T), np.arctan2(positions_m[:, 1], positions_m[:, 0])
+    axes = np.array([[np.cos(bearings), -np.sin(bearings)], [np.sin(bearings), np.cos(bearings)]])
+    variances = np.square([noise[0] * ranges + noise[1], noise[2] * ranges])
+    return np.ascontiguousarray(np.einsum("ian,an,jan->nij", axes, variances, axes))
+
 
 @dataclass(frozen=True, eq=False)
 class PointSets:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import open_drive
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray, Pose
@@ -14,13 +15,12 @@ from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.localization.estimator.filter_kernels import ERRORS
 from touchline.motion.driven import Scales
-from touchline_lab.experiments.drives import driven
 
 
 @pytest.fixture(scope="module")
 def camera() -> OmniCamera:
     """Of a file that does not say how sure it is."""
-    found = driven("straight-tracks", 3, 1.0, "camera.known_from=design").setup.camera
+    found = open_drive("tracks").setup.camera
     assert isinstance(found, OmniCamera)
     return replace(found, stated_uncertainty=None)
 

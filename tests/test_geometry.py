@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -13,19 +11,6 @@ from touchline.geometry import Pose, Pose3
 def some_pose(seed: int) -> Pose3:
     rng = np.random.default_rng(seed)
     return Pose3.from_roll_pitch_yaw(*rng.uniform(-1.2, 1.2, 3), translation_m=rng.normal(size=3))
-
-
-def test_the_rotation_turns_roll_first_and_yaw_last() -> None:
-    roll, pitch, yaw = 0.1, -0.2, 0.7
-    about = {
-        "x": [[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]],
-        "y": [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]],
-        "z": [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]],
-    }
-    wanted = np.array(about["z"]) @ about["y"] @ about["x"]
-    pose = Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (1.0, 2.0, 3.0))
-    assert pose.rotation == pytest.approx(wanted, abs=1e-15)
-    assert pose.roll_pitch_yaw() == pytest.approx((roll, pitch, yaw), abs=1e-12)
 
 
 def test_a_positive_pitch_tips_the_nose_down_and_a_positive_roll_lowers_the_right_side() -> None:

@@ -1,19 +1,19 @@
 """Pictures through the camera as it was learned: field lines lie on those of the image."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from touchline.camera import GroundView
+from touchline.camera import GroundView, open_camera
 from touchline.geometry import Pose, Pose3
 from touchline.types import Estimate, Frame, Observation, Status, points_at
 from touchline.view.learned_view import as_learned
-from touchline_lab.simulation.cameras.perspective import humanoid_camera
 
 ANGLES_RAD = np.linspace(0.05, 0.5, 10)
 GROUND_M = np.array([[1.5, 0.0], [2.0, 0.6], [2.5, -0.5], [1.2, 0.3]])
-DESCRIBED = humanoid_camera()
+DESCRIBED = open_camera(Path(__file__).parent / "data" / "humanoid_9x6_walk" / "camera.yaml")
 
 
 def estimate(places_m: np.ndarray, errors: np.ndarray | None) -> Estimate:

@@ -62,14 +62,6 @@ def test_a_straight_thing_that_is_parallel_to_no_axis_is_a_bar(angle: float, is_
     assert (share > parallel + 0.2) is is_bar
 
 
-def test_an_arc_and_a_corner_of_another_field_are_no_bars() -> None:
-    angles = np.linspace(0.3, 1.5, 40)
-    arc = 2.0 * np.column_stack((np.cos(angles), np.sin(angles))) + np.array([-6.0, 2.4])
-    corner = np.concatenate([_line(1.6, -5.0, 3.66), _turned(_line(1.6, -5.8, 4.4), 0.5 * np.pi)])
-    for points in (arc, corner):
-        assert _share(np.concatenate((ON_LINES, points))) < 50 / (50 + 0.8 * LINE * len(points) * 0.6)
-
-
 def test_where_bars_are_more_than_what_is_explained_they_may_be_the_lines() -> None:
     few, bars = ON_LINES[:10], _turned(_line(2.4, -5.0, 3.66), 0.4)
     assert _share(np.concatenate((few, bars))) < 10 / (10 + len(bars))
@@ -79,12 +71,6 @@ def test_what_lies_beside_a_line_may_be_of_it() -> None:
     beside = _line(1.0, 0.48, 5.7)
     on, off = len(ON_LINES), len(beside)
     assert _share(np.concatenate((ON_LINES, beside))) == pytest.approx(on / (on + BESIDE * off), abs=1e-9)
-
-
-def test_things_apart_are_no_line() -> None:
-    things = np.concatenate([_line(0.8, x, 4.26) for x in (-4.0, -2.0, 0.0, 2.0)])
-    together = _line(3.2, -2.0, 4.26)
-    assert _share(np.concatenate((ON_LINES, things))) > _share(np.concatenate((ON_LINES, together))) + 0.2
 
 
 def test_the_order_of_the_points_is_nothing() -> None:

@@ -24,7 +24,6 @@ from touchline.types import Estimate, Frame, Prior, Samples, Status
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
-SENSORS = ("odometry", "wheels", "gyro", "compass", "tilt")
 BAD = 37  # the frame that something is wrong with; the robot has long been found
 
 
@@ -33,40 +32,7 @@ def one_value(*stamps_ns: int) -> Samples:
     return Samples(np.array(stamps_ns, dtype=np.int64), np.arange(len(stamps_ns), dtype=float)[:, np.newaxis])
 
 
-def with_strays(frame: Frame, sensor: str, by_ns: int, count: int = 1) -> Frame:
-    """A frame whose samples of one sensor are joined by some more of them at another time."""
-    given = getattr(frame, sensor)
-    if given is None:
-        return frame
-    stamps = given.stamp_ns[-1] + by_ns + 20_000_000 * np.arange(count)
-    strays = Samples(stamps, np.repeat(given.values[-1:], count, axis=0))
-    parts = (given, strays) if by_ns > 0 else (strays, given)
-    joined = Samples(np.concatenate([p.stamp_ns for p in parts]), np.concatenate([p.values for p in parts]))
-    return replace(frame, **{sensor: joined})
-
-
-def silenced(poses: list[Pose], estimates: list[Estimate], after: int = BAD) -> int:
-    """After how many later frames the robot is not followed, or not to 5 cm."""
-    wrong = [
-        estimate.status is not Status.TRACKING or estimate.pose.distance_to(poses[k]) > 0.05
-        for k, estimate in enumerate(estimates)
-    ]
-    return sum(wrong[after + 1 :])
-
-
 # --- samples ----------------------------------------------------------------------------------------------------------
-
-
-@every_system
-@pytest.mark.parametrize("by_ns", [HOUR, -HOUR, 2 * SECOND])
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("count", [1, 3])
-def test_samples_at_another_time_silence_no_system(name: str, sensor: str, by_ns: int, count: int) -> None:
-    """One that strays, and three that might be a clock that jumped, were it not for all that comes afterwards."""
-    _, frames, poses = drive()
-    made = system(name)
-    given = [with_strays(f, sensor, by_ns, count) if k == BAD else f for k, f in enumerate(frames[:60])]
-    assert silenced(poses, [made.step(frame) for frame in given]) == 0
 
 
 def test_a_sample_far_ahead_is_refused_and_counted() -> None:
@@ -122,33 +88,6 @@ def test_what_does_not_follow_each_other_is_no_clock(stamps: tuple[int, ...]) ->
     assert clocks.refused["wheels"] == 3
 
 
-def test_if_the_frames_do_not_follow_a_jump_the_next_sample_at_their_time_is_believed() -> None:
-    history = MotionHistory()
-    times = np.arange(1, 6) * SECOND // 50
-    history.add(Frame(SECOND // 10, odometry=Samples(times, np.column_stack([times / SECOND, 0 * times, 0 * times]))))
-    jumped = Samples(times + HOUR, np.full((5, 3), 7.0))
-    history.add_samples("odometry", jumped)
-    assert history.odometry.samples.first_ns == times[0] + HOUR
-    later = times + SECOND // 10
-    back = Samples(later, np.column_stack([later / SECOND, 0 * times, 0 * times]))
-    history.add(Frame(SECOND // 5, odometry=back))
-    assert history.odometry.samples.last_ns == later[-1]
-    assert history.between(int(later[0]), int(later[-1])).pose.x == pytest.approx(0.08)
-
-
-def test_samples_may_go_on_for_long_without_any_frame() -> None:
-    """The camera has failed; each sample is near the one before it, of whichever sensor."""
-    history = MotionHistory()
-    history.add(Frame(0))
-    for k in range(1, 1000):
-        history.add_samples("odometry", Samples(np.array([k * SECOND // 50]), np.zeros((1, 3))))
-    assert history.refused["odometry"] == 0
-    assert history.odometry.samples.last_ns == 999 * SECOND // 50
-    history.add_samples("odometry", Samples(np.array([HOUR]), np.zeros((1, 3))))
-    assert history.refused["odometry"] == 1
-    assert len(history.odometry.samples) == 999
-
-
 # --- frames -----------------------------------------------------------------------------------------------------------
 
 
@@ -177,34 +116,6 @@ def test_the_order_of_frames(tenths: list[int], orders: list[FrameOrder]) -> Non
 
 
 @every_system
-@pytest.mark.parametrize("by_ns", [HOUR, 11 * SECOND, -HOUR, -2 * SECOND])
-@pytest.mark.parametrize("whole", [True, False])
-def test_a_frame_an_hour_off_costs_no_other(name: str, by_ns: int, whole: bool) -> None:
-    """Its stamp alone, or with those of its samples."""
-    _, frames, poses = drive()
-    made = OrderedSystem(system(name))
-    given = [moved(f, by_ns, whole) if k == BAD else f for k, f in enumerate(frames[:60])]
-    estimates = [made.step(frame) for frame in given]
-    assert (estimates[BAD].status, estimates[BAD].pose) == (Status.SEARCHING, estimates[BAD - 1].pose)
-    assert made.counts == {NEXT: 59, UNCONFIRMED: 1}
-    assert silenced(poses, estimates) == 0
-
-
-@every_system
-@pytest.mark.parametrize("by_ns", [HOUR, -HOUR])
-def test_a_clock_that_is_set_for_good_is_followed(name: str, by_ns: int) -> None:
-    """By the second frame that it stamps; the pose is kept as the prior."""
-    _, frames, poses = drive()
-    made = OrderedSystem(system(name))
-    given = [moved(f, by_ns, True) if k >= BAD else f for k, f in enumerate(frames[:60])]
-    estimates = [made.step(frame) for frame in given]
-    assert estimates[BAD].status is Status.SEARCHING
-    for k in range(BAD + 10, 60):
-        assert estimates[k].status is Status.TRACKING
-        assert estimates[k].pose.distance_to(poses[k]) < 0.05
-
-
-@every_system
 def test_a_late_frame_is_dropped_and_changes_nothing(name: str) -> None:
     _, frames, _ = drive()
     plain, disturbed = system(name), OrderedSystem(system(name))
@@ -215,13 +126,6 @@ def test_a_late_frame_is_dropped_and_changes_nothing(name: str) -> None:
             assert (late.status, late.pose) == (Status.SEARCHING, poses[k - 1])
         assert disturbed.step(frame).pose == poses[k]
     assert disturbed.counts == {FrameOrder.NEXT: 45, FrameOrder.LATE: 1}
-
-
-def moved(frame: Frame, by_ns: int, whole: bool) -> Frame:
-    """A frame by another clock, its samples with it or not."""
-    sensors = {sensor: getattr(frame, sensor) for sensor in SENSORS if whole and getattr(frame, sensor) is not None}
-    shifted = {sensor: Samples(given.stamp_ns + by_ns, given.values) for sensor, given in sensors.items()}
-    return replace(frame, stamp_ns=frame.stamp_ns + by_ns, **shifted)
 
 
 class Recorder:
@@ -277,14 +181,6 @@ def test_a_run_survives_any_order_and_its_files_stay_in_order(tmp_path: Path) ->
     assert (tally.ended, tally.late_frames, tally.unconfirmed_frames, tally.clock_set_back) == ("complete", 2, 2, 1)
     assert read_tum(tmp_path / "trajectory.tum").stamp_ns.tolist() == [-19 * STEP_NS, -18 * STEP_NS]
     assert len(read_estimates(tmp_path / "estimates.csv").trajectory) == 2
-
-
-def test_one_frame_far_ahead_costs_a_run_no_other(tmp_path: Path) -> None:
-    with RunFolder(tmp_path) as folder:
-        tally = run_frames(Shuffled(36000, 10, 11), FakeSystem(np.random.default_rng(0)), folder)
-    assert (tally.summary().unconfirmed_frames, tally.summary().clock_set_back) == (1, 0)
-    written = read_tum(tmp_path / "trajectory.tum").stamp_ns
-    assert written.tolist() == [k * STEP_NS for k in range(12)]
 
 
 # --- random streams ---------------------------------------------------------------------------------------------------

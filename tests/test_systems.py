@@ -2,82 +2,18 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
-import textwrap
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from touchline.camera import OmniCamera
-from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.motion.compass import COMPASS_FALSE
 from touchline.published.nubot.belief import Belief
 from touchline.published.nubot.global_localizer import Localization
 from touchline.published.nubot.matcher import Match
 from touchline.published.nubot.pose_filter import PoseFilter
-from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_system
-from touchline.types import Frame, Prior, Status
-from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import open_scenario
-
-every_system = pytest.mark.parametrize("name", SYSTEMS)
-MAX_STEP = 15
-
-
-def opened(name: str) -> LocalizationSystem:
-    return open_system(name, RobotSetup(open_field("indoor-9x6")))
-
-
-def statement_lines(function: Callable[..., object]) -> int:
-    """Lines of a function's body without docstring, comments and empty lines."""
-    text = textwrap.dedent(inspect.getsource(function))
-    definition = ast.parse(text).body[0]
-    assert isinstance(definition, ast.FunctionDef)
-    body = definition.body[1:] if ast.get_docstring(definition) else definition.body
-    lines = text.splitlines()[body[0].lineno - 1 :]
-    return sum(bool(line.strip()) and not line.strip().startswith("#") for line in lines)
-
-
-@every_system
-def test_a_system_is_composed_and_inherits_nothing(name: str) -> None:
-    assert type(opened(name)).__mro__[1:] == (object,)
-
-
-@every_system
-def test_a_step_is_a_list_of_at_most_fifteen_lines(name: str) -> None:
-    assert statement_lines(type(opened(name)).step) <= MAX_STEP
-
-
-@pytest.mark.parametrize("level", ["points", "images", "neither"])
-@pytest.mark.parametrize("name", [name for name, info in SYSTEMS.items() if OmniCamera in info.cameras])
-def test_a_system_takes_frames_with_points_with_images_and_with_neither(name: str, level: str) -> None:
-    scenario = open_scenario("tour-20", 1, 0.5, ["ideal=true"])
-    run = Simulation(scenario, level="images" if level == "images" else "points")
-    setup = RobotSetup(run.field, run.camera if level == "images" else None, run.wheel_directions_rad)
-    made = open_system(name, setup)
-    frames = [Frame(frame.stamp_ns) if level == "neither" else frame for frame in run]
-    estimates = [made.step(frame) for frame in frames]
-    assert [estimate.stamp_ns for estimate in estimates] == [frame.stamp_ns for frame in frames]
-    assert (estimates[-1].points > 0) == (level != "neither")
-    unmoved = level != "neither" and estimates[-1].reason == "not yet confirmed by motion"
-    assert (estimates[-1].status is Status.SEARCHING and not unmoved) == (level == "neither")
-    assert (made.detector is None) == (level != "images")
-    assert all(np.isfinite(estimate.covariance).all() for estimate in estimates)
-
-
-@every_system
-def test_poses_hold_plain_floats(name: str) -> None:
-    """Of NumPy's scalars some JSON writers, and `is True` after a comparison, make something else."""
-    run = Simulation(open_scenario("tour-20", 1, 0.5, ["ideal=true"]), level="points")
-    made = open_system(name, RobotSetup(run.field, None, run.wheel_directions_rad))
-    frames = (replace(frame, observation=replace(run.features(k), points=run.points(k))) for k, frame in enumerate(run))
-    poses = [each.pose for frame in frames for one in [made.step(frame)] for each in (one, *one.hypotheses)]
-    assert {type(value) for pose in poses for value in pose} == {float}
-
+from touchline.types import Prior, Status
 
 # ---- the belief in a pose --------------------------------------------------------------------------------------------
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import pickle
-import re
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import touchline
-from touchline.types import LandmarkKind, Landmarks, Lines, Problem, ProblemCode, generic_covariances, points_at
+from touchline.types import LandmarkKind, Landmarks, Lines, generic_covariances, points_at
 
 PLACES = np.array([[1.0, 0.0], [2.0, 1.0]])
 POINTS = points_at(PLACES)
@@ -79,15 +77,6 @@ def test_what_is_no_measurement_is_left_out_in_every_column() -> None:
     assert [len(part) for part in (far.points, far.lines, far.crossings, far.landmarks)] == [1, 0, 1, 1]
     assert (far.crossings.kinds.tolist(), far.landmarks.colors) == (["L"], (("white",),))
     assert SEEN.usable(100.0).landmarks is LANDMARKS
-
-
-def test_every_code_of_a_problem_is_documented_once() -> None:
-    known = [code for name, code in vars(ProblemCode).items() if name.isupper()]
-    page = (Path(__file__).parents[1] / "docs" / "integrity.md").read_text(encoding="utf-8")
-    table = page.partition("## The codes of problems")[2].partition("\n\n## ")[0]
-    rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
-    assert sorted(code for row in rows for code in re.findall("`([^`]+)`", row)) == sorted(known)
-    assert str(Problem(ProblemCode.STAMPS_LATE, "so late")) == "so late"
 
 
 def test_kinds_and_colours_are_checked() -> None:
