@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from line_scenes import view
-from model_scans import FIELDS
 from syrupy.assertion import SnapshotAssertion
 
 from touchline.cli import main
@@ -119,7 +118,7 @@ def test_an_image_without_lines_is_refused_and_its_overlay_saved(small_data: Pat
 
 def test_a_wrong_field_is_doubted_and_the_right_one_named(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     measured = small_data / "real" / "nubot_robot1.csv"
-    assert main(["locate", str(measured), "--field", str(FIELDS / "nubot-lab-18x8.yaml"), "--json"]) == 0
+    assert main(["locate", str(measured), "--field", str(small_data / "fields" / "nubot-lab-18x8.yaml"), "--json"]) == 0
     tree = json.loads(capsys.readouterr().out)
     assert len(tree["doubts"]) == 3  # other places, points far from lines, and beyond the carpet
     assert tree["better"][0]["field"] == "msl-18x12"
