@@ -28,7 +28,7 @@ def written(tmp_path: Path, camera: OmniCamera, **more: object) -> Path:
     return file
 
 
-def test_a_file_that_does_not_say_how_sure_it_is_is_as_sure_as_usual(tmp_path: Path) -> None:
+def test_an_unsaid_uncertainty_is_the_usual_one(tmp_path: Path) -> None:
     camera = open_camera(written(tmp_path, CAMERA))
     assert camera.stated_uncertainty is None
     assert camera.uncertainty == CameraUncertainty(USUAL_TILT_DEG, 1.5, USUAL_RANGE_RATIO)

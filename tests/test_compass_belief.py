@@ -50,7 +50,7 @@ def test_a_pose_is_believed_once_it_is_confirmed() -> None:
         (True, None, Prior(own_half=True), []),
     ],
 )
-def test_compass_own_half_or_an_asymmetric_field_tell_the_end_of_the_field(
+def test_compass_own_half_or_field_tell_the_end(
     symmetric: bool, compass_rad: float | None, prior: Prior | None, named: list[float | None]
 ) -> None:
     belief = Belief(symmetric, UNKNOWN)
@@ -63,7 +63,7 @@ def test_compass_own_half_or_an_asymmetric_field_tell_the_end_of_the_field(
 
 
 @pytest.mark.parametrize(("prior", "trusted"), [(Prior(HERE), True), (Prior(HERE), False), (None, True)])
-def test_a_compass_that_agreed_with_a_told_pose_tells_the_end_from_then_on(prior: Prior | None, trusted: bool) -> None:
+def test_a_compass_that_agreed_with_a_told_pose_is_trusted(prior: Prior | None, trusted: bool) -> None:
     belief = Belief(symmetric=True, unknown=UNKNOWN)
     belief.reset(prior)
     belief.take(found(kept=prior is not None), 0.3)
@@ -73,14 +73,14 @@ def test_a_compass_that_agreed_with_a_told_pose_tells_the_end_from_then_on(prior
     assert belief.twin_probability == (0.0 if told else COMPASS_FALSE)
 
 
-def test_a_pose_that_was_kept_says_nothing_new_of_the_end_of_the_field() -> None:
+def test_a_pose_that_was_kept_tells_no_end() -> None:
     belief = Belief(symmetric=True, unknown=UNKNOWN)
     belief.reset(Prior(HERE))
     belief.take(found(kept=True), None)
     assert belief.twin_probability == 0.0
 
 
-def test_a_compass_that_turned_round_as_the_robot_was_moved_is_believed_once_the_robot_is_lost() -> None:
+def test_a_compass_turned_in_a_move_is_believed_once_lost() -> None:
     for moved in (False, True):
         one = CompassCorrection()
         for _ in range(12):
@@ -100,7 +100,7 @@ def judged(compass: CompassCorrection, off_rad: float, frames: int, moved: bool 
 
 
 @pytest.mark.parametrize("moved", [False, True])
-def test_a_compass_that_had_failed_as_the_robot_was_lost_tells_no_end(moved: bool) -> None:
+def test_a_compass_that_had_failed_tells_no_end(moved: bool) -> None:
     """Half of all places agree with it; the others show that it is right again."""
     one = CompassCorrection()
     judged(one, 0.0, 12)
@@ -127,7 +127,7 @@ def test_the_learned_offset_is_bounded_in_total() -> None:
     assert math.isfinite(one.offset_rad)
 
 
-def test_clutter_beside_the_lines_does_not_hide_that_the_compass_has_failed() -> None:
+def test_clutter_does_not_hide_that_the_compass_has_failed() -> None:
     """Lines of the next field leave a large mean distance; the compass was asked, as if nothing had agreed with it."""
     one = CompassCorrection()
     for _ in range(12):

@@ -40,17 +40,6 @@ def painted(start: tuple[float, float], end: tuple[float, float], count: int) ->
     return points
 
 
-def heap(x: float, y: float, count: int = 200, rng: np.random.Generator = RNG) -> FloatArray:
-    """Points (N, 2) about a place."""
-    points: FloatArray = np.array([x, y]) + 0.3 * rng.standard_normal((count, 2))
-    return points
-
-
-def weight_near(found: Counted, x: float, y: float, reach_m: float = 1.0) -> float:
-    """Of what counts, the weight about a place."""
-    return float(found.weights[np.hypot(*(found.positions_m - (x, y)).T) < reach_m].sum())
-
-
 def test_crowded_cells_are_thinned_to_their_means() -> None:
     points = np.concatenate((painted((1.0, -1.0), (1.0, 1.0), 300), RNG.uniform(-4.0, 4.0, (50, 2))))
     found, _, weights = _thinned(points, generic_covariances(points), np.ones(len(points)))
@@ -88,30 +77,7 @@ def test_information_does_not_grow_with_density(count: int) -> None:
     assert 0.8 * MAX_POINTS < found.weights.sum() <= 1.001 * MAX_POINTS
 
 
-def test_a_heap_does_not_count_beside_a_line() -> None:
-    line = painted((1.5, -2.0), (1.5, 2.0), 400)
-    for x, y, count in ((-1.0, 0.0, 100), (-3.0, 1.0, 400), (0.0, -4.0, 200)):
-        found = counted(np.concatenate((line, heap(x, y, count))))
-        assert found.crude
-        assert weight_near(found, x, y) < 0.15 * found.weights.sum()
-        assert found.line_ratio < 0.9
-
-
 def test_nothing_and_one_point_count_as_they_are() -> None:
     assert len(counted(np.zeros((0, 2))).weights) == 0
     assert counted(np.array([[1.0, 2.0]])).weights.tolist() == [1.0]
     assert len(counted(np.tile([1.0, 2.0], (500, 1))).weights) <= 1
-
-
-def test_what_scan_lines_would_not_see_so_densely_counts_as_what_they_see() -> None:
-    bearings = np.radians(np.arange(0.0, 360.0, 2.0))
-    circle = 3.0 * np.column_stack((np.cos(bearings), np.sin(bearings)))
-    seen = counted(circle)
-    assert (seen.weights == 1.0).all()
-    bar = np.column_stack((np.full(60, 4.0), np.linspace(-0.3, 0.3, 60)))  # within two cells of five degrees
-    both = counted(np.concatenate((circle, bar)))
-    assert not both.crude
-    assert (both.weights[: len(circle)] == 1.0).all()
-    assert both.weights[len(circle) :].sum() < 0.5 * len(bar)
-    denser = counted(np.repeat(circle, 4, axis=0) + 0.001 * RNG.standard_normal((4 * len(circle), 2)))
-    assert denser.crude, "four times as many rays: thinned, and not less by the crowd"

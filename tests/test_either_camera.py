@@ -26,11 +26,8 @@ from touchline.types import (
     Samples,
 )
 
-COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
+WHITE = "humanoid-kid-9x6"
 HEIGHT_M = 1.1
-
-
-# --- a mirror with features -------------------------------------------------------------------------------------------
 
 
 # --- a compass --------------------------------------------------------------------------------------------------------

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from drives import open_drive
 
-from touchline.camera import OmniCamera
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import CameraErrors, camera_errors
 from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
+from touchline.localization.estimator.exact_camera import as_exact
 from touchline.localization.estimator.filter import (
     DELAY_DRIFT_S,
     SCALE_DRIFT,
@@ -149,7 +146,7 @@ def test_the_correction_is_that_of_a_dense_kalman_filter(learned: float) -> None
     np.testing.assert_allclose(one.joint, left @ joint @ left.T + gain @ spread @ gain.T, rtol=1e-5, atol=1e-9)
 
 
-def test_what_is_expected_of_an_image_is_the_covariance_of_what_it_measures() -> None:
+def test_an_image_is_expected_as_its_covariance_says() -> None:
     one, per_image = unsure(1.0), np.diag([1e-5, 1e-5, 0.0, 0.0, 0.0])
     shift = np.array([0.01, -0.02, 0.003])
     expected = one.joint[np.ix_(MEASURED, MEASURED)].copy()
@@ -161,14 +158,6 @@ def test_what_is_expected_of_an_image_is_the_covariance_of_what_it_measures() ->
 
 
 # --- in play ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def camera() -> OmniCamera:
-    """Of a file that does not say how sure it is."""
-    found = open_drive("tracks").setup.camera
-    assert isinstance(found, OmniCamera)
-    return replace(found, stated_uncertainty=None)
 
 
 def normal_log(value: FloatArray, covariance: FloatArray) -> float:
@@ -190,7 +179,7 @@ def measured(prior: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, F
     return state, joint, evidence
 
 
-def test_one_model_follows_from_the_other_as_if_it_had_been_filtered_itself() -> None:
+def test_an_exact_camera_follows_from_the_filter_of_another() -> None:
     wide, narrow = np.eye(8), np.eye(8)
     narrow[3:, 3:] *= 0.05
     state, joint, evidence = measured(wide, np.random.default_rng(1))
@@ -212,22 +201,3 @@ def learned(mirror: CameraErrors, errors: list[float]) -> Filter:
     one.error_covariance[:] = np.diag(deviations**2)
     one.error_crossed[0, 2] = 0.8 * 0.01 * deviations[2]
     return one
-
-
-def test_a_mirror_that_shows_no_error_is_taken_for_exact_and_one_that_does_is_not(camera: OmniCamera) -> None:
-    mirror = camera_errors(camera)
-    exact = ExactCamera(mirror)
-    small, large = learned(mirror, [0.0, 0.0, 0.08, 0.0, 0.0]), learned(mirror, [0.01, 0.0, 1.0, 0.0, 0.0])
-    pose, covariance = exact.pose_of(small)
-    assert pose.x < small.pose.x - 0.002  # as the centre is not displaced, nor is the pose
-    assert covariance[0, 0] < 0.8 * small.covariance[0, 0]
-    pose, covariance = exact.pose_of(large)
-    np.testing.assert_allclose(pose, large.pose, atol=1e-6)
-    np.testing.assert_allclose(covariance, large.covariance, atol=1e-9)
-
-
-def test_who_states_how_sure_a_file_is_is_believed(camera: OmniCamera) -> None:
-    mirror = camera_errors(replace(camera, stated_uncertainty=camera.uncertainty))
-    one = learned(mirror, [0.0, 0.0, 0.08, 0.0, 0.0])
-    assert ExactCamera(mirror).pose_of(one)[0] == one.pose
-    assert ExactCamera(camera_errors(None)).pose_of(one)[0] == one.pose

@@ -11,7 +11,6 @@ from drives import Drive, open_drive
 
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.estimator.field_proof import FieldProof
-from touchline.localization.estimator.line_coverage import LineCoverage
 from touchline.localization.estimator.motion_relation import (
     WINDOW,
     MotionRelation,
@@ -24,7 +23,6 @@ from touchline.motion import MotionHistory
 from touchline.motion.delayed import Delayed, with_signs
 from touchline.motion.odometry import Motion
 from touchline.systems import open_system
-from touchline.systems.touchline import Touchline
 from touchline.types import Frame, Samples
 
 
@@ -85,13 +83,13 @@ def test_what_contradicts_is_named(change: Callable[[Pose], Pose], code: str) ->
     ("gyro", "code"),
     [(1.0, "odometry-frozen"), (0.0, "images-spin")],
 )
-def test_the_gyro_tells_an_odometry_that_stands_still_from_a_head_that_turns_untold(gyro: float, code: str) -> None:
+def test_the_gyro_tells_frozen_odometry_from_a_turning_head(gyro: float, code: str) -> None:
     relation = related(lambda step: Pose(0.0, 0.0, 0.0), all_round=False, ahead=0.0, gyro=lambda rate: gyro * rate)
     assert max(relation.statistics.values()) >= 1.0
     assert relation.blame().code == code
 
 
-def test_an_odometry_whose_signs_are_known_to_be_wrong_is_put_right() -> None:
+def test_odometry_of_known_wrong_signs_is_put_right() -> None:
     backwards = related(lambda step: Pose(-step.x, -step.y, step.heading), all_round=False)
     assert backwards.signs == (-1, -1, 1)
     assert related(lambda step: Pose(step.x, -step.y, -step.heading)).signs is None  # mirrored images
@@ -123,32 +121,7 @@ def test_the_step_to_an_image_that_may_lie_elsewhere_waits() -> None:
     assert not related(lambda step: step, steps=26, outliers=(25,), blurred=True).may_contradict
 
 
-def test_a_pose_found_elsewhere_is_on_trial() -> None:
-    """A lucky place shows it, and three fifths of the usual lines have to be seen after that."""
-    system = open_system("touchline", match().setup)
-    assert isinstance(system, Touchline)
-    lines, coverage = system.setup.field.line_tables, LineCoverage()
-    around = np.linspace(-math.pi, math.pi, 73)[:-1]
-    usual = np.column_stack((np.cos(around), np.sin(around))) * 2.0
-    pose = np.array([0.0, 0.0, 0.0])
-    rays = [usual[:k] for k in (72, 4)]
-
-    def take(points: FloatArray, found: bool = False) -> None:
-        if coverage.begins_image(found, settled=True):
-            coverage.update(lines, points, pose)
-
-    for points, still in ((rays[0], True), (rays[1], False)):
-        coverage.reset()
-        for _ in range(10):
-            take(rays[0])
-        take(rays[0], found=True)
-        assert coverage.shown
-        for _ in range(30):
-            take(points)
-        assert coverage.shown is still
-
-
-def test_a_field_is_not_proved_across_a_turn_to_the_other_end() -> None:
+def test_a_turn_to_the_other_end_proves_no_field() -> None:
     proof = FieldProof(18.0)
     for k in range(40):
         proof.update(Pose(1.0 + 0.05 * k, 0.3, 0.0), Pose(1.0 + 0.05 * k, 0.3, 0.0), 0.1)
@@ -162,7 +135,7 @@ def test_a_field_is_not_proved_across_a_turn_to_the_other_end() -> None:
     assert proof.given
 
 
-def test_steps_that_slip_as_feet_do_are_no_contradiction_and_a_wrong_sign_is() -> None:
+def test_slipping_feet_contradict_nothing_and_a_wrong_sign_does() -> None:
     """A step's noise of legs, 12 cm of way with 3 cm of error, is no fault of images or odometry."""
     for sign, legs in ((1.0, True), (1.0, False), (-1.0, True)):
         rng, history, relation = np.random.default_rng(3), MotionHistory(), MotionRelation()
@@ -180,7 +153,7 @@ def test_steps_that_slip_as_feet_do_are_no_contradiction_and_a_wrong_sign_is() -
         assert (worst < 0.9) is (legs and sign > 0.0)
 
 
-def test_a_camera_that_shows_what_lies_ahead_does_not_look_back() -> None:
+def test_a_camera_that_looks_ahead_does_not_look_back() -> None:
     def around(step: Pose) -> Pose:
         return Pose(-0.999 * step.x - 0.04 * step.y, 0.04 * step.x - 0.999 * step.y, step.heading)
 
@@ -189,7 +162,7 @@ def test_a_camera_that_shows_what_lies_ahead_does_not_look_back() -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.3])
-def test_what_was_driven_before_a_clock_was_set_refutes_nothing_of_it(late_s: float) -> None:
+def test_the_way_before_a_clock_was_set_refutes_nothing(late_s: float) -> None:
     """A robot that changes its speed, then drives on evenly while its clock is set, then changes it again: only now it
     shows whether images are stamped late.
     """

@@ -46,7 +46,7 @@ def test_the_sway_tells_how_late_images_are_stamped(late_s: float) -> None:
     assert found.deviation_s < 0.008
 
 
-def test_a_robot_that_does_not_sway_tells_nothing_of_the_stamps() -> None:
+def test_without_sway_nothing_is_told_of_the_stamps() -> None:
     class Standing(LeanFilter):
         def turned_all(self, stamps_ns: IntArray) -> FloatArray:
             return np.zeros((len(stamps_ns), 2))
@@ -62,7 +62,7 @@ def walking_filter(pose: Pose, covariance: FloatArray) -> Filter:
     return Filter(pose, covariance, InitialUncertainty(Scales(0.05, 0.05, 0.0), errors.prior, errors.drift, 1.0, 0.003))
 
 
-def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
+def test_a_mirrored_filter_keeps_what_it_knows_of_the_camera() -> None:
     one = walking_filter(Pose(1.0, 2.0, 0.3), np.diag([0.1, 0.2, 0.3]))
     one.mean[3:] = [0.0, 1.0, 2.0, 4.0, 0.1, *np.arange(5.0, 9.0)]
     twin = one.mirrored()
@@ -110,7 +110,7 @@ def test_a_pan_turns_the_axes_of_roll_and_pitch() -> None:
     assert ahead(np.zeros(3)) == (1.0, 0.0)
 
 
-def test_the_pose_of_the_camera_is_turned_on_by_the_rates() -> None:
+def test_rates_turn_the_pose_of_the_camera_on() -> None:
     """Kinematics hold the lean that the IMU has told late."""
     stamps = np.arange(0, 200_000_001, 20_000_000)
     gyro = Samples(stamps, np.tile([0.0, 0.5, 0.0], (len(stamps), 1)))
@@ -120,7 +120,7 @@ def test_the_pose_of_the_camera_is_turned_on_by_the_rates() -> None:
     assert turned.roll_pitch_yaw()[1] == pytest.approx(0.3 + 0.5 * LAG_S, abs=1e-6)
 
 
-def test_a_grid_of_attitudes_begins_at_the_expected_one_and_is_fine_enough() -> None:
+def test_a_grid_of_attitudes_begins_at_the_expected_one() -> None:
     offsets = attitude_offsets(np.array([0.05, 0.005]))
     assert not offsets[0].any()
     assert np.diff(np.unique(offsets[:, 0])).max() <= 0.025 + 1e-12
@@ -128,7 +128,7 @@ def test_a_grid_of_attitudes_begins_at_the_expected_one_and_is_fine_enough() -> 
 
 
 @pytest.mark.parametrize("pitch_deg", [4.0, -4.0])
-def test_a_fit_begins_at_other_attitudes_where_the_expected_one_explains_too_little(pitch_deg: float) -> None:
+def test_a_poor_fit_begins_again_at_other_attitudes(pitch_deg: float) -> None:
     """Four degrees of pitch of a camera half a metre up: lines lie metres off."""
     field, truth = open_field("hsl-s-9x6"), Pose(0.5, 0.6, 0.4)
     response = PerspectiveResponse(np.array([0.0, 0.0, 0.5]), np.array([0.95, 0.0, -0.3]), fisheye=False)

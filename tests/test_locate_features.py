@@ -9,21 +9,19 @@ from functools import cache
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 import yaml
 from drives import open_drive
 
-from touchline.camera import Camera, GroundView, open_camera
+from touchline.camera import Camera
 from touchline.cli import main
 from touchline.errors import NoFitError
-from touchline.field import FieldModel, open_field
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.field import FieldModel
+from touchline.geometry import Pose, wrap_angle
 from touchline.localization.one_shot.locate import locate
 from touchline.localization.one_shot.location import Location
-from touchline.localization.registration.covariance import widest_m
 from touchline.sources import open_source
-from touchline.types import LinePoints, Lines, Observation
+from touchline.types import Observation
 
 WALK = Path(__file__).parent / "data" / "humanoid_9x6_walk"
 
@@ -74,21 +72,6 @@ def test_a_heading_leaves_one_end() -> None:
         locate(seen, field, heading=wrap_angle(truth.heading + 0.5 * math.pi), camera=camera)
 
 
-def test_line_points_alone_are_located_as_before() -> None:
-    points = walk()[2][0][0].points
-    alone = Observation(0, points=points)
-    field = walk()[0]
-    one, other = (answer_of(given, field) for given in (points, alone))
-    assert one == other
-
-
-def answer_of(given: LinePoints | Observation, field: FieldModel) -> object:
-    try:
-        return locate(given, field).pose
-    except NoFitError as error:
-        return str(error)
-
-
 def test_the_command_takes_a_photograph_with_features(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,43 +96,3 @@ def test_the_command_takes_a_photograph_with_features(
     for given, reason in (("5", "got '5'"), ("1,2", "in radians"), ("nan,0", "in radians"), ("a,b", "got 'a,b'")):
         assert main([*heeding, "--attitude", given]) == 2
         assert reason in capsys.readouterr().err
-
-
-ANGLES_RAD = np.linspace(0.05, 0.5, 10)
-
-
-def seen_by_a_leaning_camera(places: list[FloatArray], pose: Pose, lean_deg: tuple[float, float]) -> Observation:
-    """Pieces of lines (N, 2), field frame, as a robot has them whose camera leans so, unknown to its camera.yaml."""
-    known = open_camera(WALK / "camera.yaml")
-    true = known.corrected(np.radians([*lean_deg, 0.0, 0.0]), ANGLES_RAD)
-    pieces, pixels = [], []
-    for piece in places:
-        at = GroundView(true, true.base_from_camera).image_from_ground(pose.inverse().transform(piece))
-        at = at[(at > 0.0).all(axis=1) & (at < (known.width, known.height)).all(axis=1)]
-        if len(at) < 5:
-            continue
-        pieces.append(GroundView(known, known.base_from_camera).ground_from_image(at))
-        pixels.append(at)
-    points, spread = np.concatenate(pieces), np.square(0.01 + 0.001 * np.hypot(*np.concatenate(pieces).T) ** 2)
-    covariances = spread[:, np.newaxis, np.newaxis] * np.eye(2)
-    ends = np.array([[piece[0], piece[-1]] for piece in pieces])
-    lines = Lines(
-        ends,
-        np.tile(0.01 * np.eye(2), (len(ends), 2, 1, 1)),
-        np.ones(len(ends)),
-        np.array([[at[0], at[-1]] for at in pixels]),
-    )
-    return Observation(0, LinePoints(points, covariances, np.ones(len(points)), np.concatenate(pixels)), lines)
-
-
-def test_few_lines_leave_open_what_the_roll_and_pitch_of_a_camera_leave_open() -> None:
-    """A line and an arc fit along a bent ridge of attitudes: the pose was 0.7 m off, and sure to 0.1 m."""
-    field, pose = open_field("indoor-9x6"), Pose(-3.6, 2.35, -0.75)
-    line = np.column_stack((np.zeros(40), np.linspace(-2.6, 0.5, 40)))
-    turns = np.linspace(1.6, 3.2, 12)
-    arc = float(field.circles[0, 2]) * np.column_stack((np.cos(turns), np.sin(turns)))
-    seen = seen_by_a_leaning_camera([line, arc], pose, (3.3, 1.2))
-    location = locate(seen, field, heading=pose.heading, camera=open_camera(WALK / "camera.yaml"))
-    assert off(location, pose)[0] < 2.0 * widest_m(location.covariance)
-    assert widest_m(location.covariance) > 0.25
-    assert any("roll and pitch" in doubt for doubt in location.doubts)

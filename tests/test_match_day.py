@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import socket
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fakes import codes_of
-from test_touchline_system import FIELD, errors, frame, seen
+from line_scenes import errors, seen
 
 from touchline.cli import main
 from touchline.errors import InputError
+from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.live.datagrams import Datagrams
 from touchline.live.game_controller import GameController, WithGameController
@@ -21,8 +21,6 @@ from touchline.live.heard import Heard, Published
 from touchline.live.state_file import StateFile, prior_of, resume
 from touchline.localization.estimator.game_states import Referee
 from touchline.localizer import Localizer
-from touchline.systems import RobotSetup
-from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Evidence, GameState, Prior, Status
 
 # teams 5 and 12; PLAYING (3) in the first half; player 2 of team 12 has the penalty named, 33 s and its cards
@@ -100,7 +98,7 @@ def test_team_and_player_belong_together(wrong: list[str], capsys: pytest.Captur
 
 
 def test_the_referee_turns_changes_into_priors() -> None:
-    referee = Referee(FIELD)
+    referee = Referee(open_field("msl-18x12"))
 
     def said(phase: str, penalty: str = "", first_half: bool = True) -> tuple[Prior, ...]:
         return referee.update(GameState(0, phase, penalty, first_half))
@@ -122,14 +120,6 @@ def test_the_referee_turns_changes_into_priors() -> None:
     assert [prior.kept for prior in said("set", first_half=False)] == [1.0]  # READY was not received
     with pytest.raises(InputError, match="game state: "):
         GameState(0, "halftime")
-
-
-def started(place: Pose) -> Touchline:
-    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
-    system.reset(Prior(place))
-    for k in range(1, 4):
-        system.step(frame(k, seen(place, k)))
-    return system
 
 
 def test_a_localizer_takes_what_the_referee_says() -> None:
@@ -189,29 +179,7 @@ def test_a_state_that_is_none_is_refused(tmp_path: Path) -> None:
     assert main(["live", "udp", "--field", "msl-18x12", "--seconds", "0", "--state", str(path)]) == 2
 
 
-def made_up(names: int, k: int, place: Pose) -> tuple[Evidence, ...]:
-    x, y, _ = place.mirrored()
-    half = [Evidence(f"no {n} {k}", 0.99, own_half=x < 0.0, known=False) for n in range(names)]
-    return (*half, *(Evidence(f"nobody {n}", 0.999, place_m=(x, y), known=False) for n in range(names)))
-
-
-@pytest.mark.parametrize("names", [5, 200])
-def test_no_number_of_unknown_names_turns_a_pose(names: int) -> None:
-    place = Pose(2.0, 1.0, 0.3)
-    system = started(place)
-    for k in range(4, 60):
-        estimate = system.step(replace(frame(k, seen(place, k)), evidence=made_up(names, k, place)))
-        assert errors(estimate, place)[0] < 0.1
-        assert estimate.status is Status.TRACKING
-    assert len(system.end._said) <= 50
-    mate = Evidence("the keeper", 0.999, own_half=False)
-    ball = Evidence("the ball", 0.99, own_half=False)
-    twin = started(place.mirrored())
-    turned = [twin.step(replace(frame(k, seen(place, k)), evidence=(mate, ball))) for k in range(4, 60)]
-    assert errors(turned[-1], place)[0] < 0.1  # but two who are known correct a wrong start
-
-
-def test_a_message_counts_once_and_a_sender_does_not_fill_the_queue() -> None:
+def test_messages_count_once_and_fill_no_queue() -> None:
     localizer = Localizer("msl-18x12")
     for message in (1, 1, 2, 2):
         localizer.add_evidence("mate", 0.9, own_half=True, message=message)
@@ -225,7 +193,7 @@ def test_a_message_counts_once_and_a_sender_does_not_fill_the_queue() -> None:
 
 
 @pytest.mark.parametrize("waits", [0, 3])
-def test_images_that_wait_for_the_processor_are_no_clock_that_was_set(waits: int) -> None:
+def test_images_that_wait_are_no_clock_that_was_set(waits: int) -> None:
     """The samples that came while they waited are the next ones'."""
     localizer, place, waiting = Localizer("msl-18x12"), Pose(-3.0, 1.0, 0.0), []
     localizer.reset(place)

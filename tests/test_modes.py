@@ -28,7 +28,7 @@ def written(folder: Path, modes: list[Mode | None]) -> Path:
     return folder / "estimates.csv"
 
 
-def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -> None:
+def test_modes_are_written_and_come_back(tmp_path: Path) -> None:
     modes: list[Mode | None] = [Mode.OMNIVISION, Mode.BOTH, Mode.ODOMETRY]
     path = written(tmp_path / "run", modes)
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -39,7 +39,7 @@ def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -
     assert [tuple(Mode)[k] for k in table.mode] == modes
 
 
-def test_systems_without_modes_and_runs_without_frames_have_the_columns_of_always(tmp_path: Path) -> None:
+def test_without_modes_the_columns_are_those_of_always(tmp_path: Path) -> None:
     for name, modes in (("plain", [None, None]), ("empty", [])):
         path = written(tmp_path / name, list(modes))
         assert path.read_text(encoding="utf-8").splitlines()[0] == f"{HEADER},{ALWAYS}"

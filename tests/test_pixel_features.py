@@ -217,7 +217,7 @@ def panned() -> Iterator[tuple[int, str, str, Any]]:
             yield at_ns, "/image/compressed", roles.COMPRESSED_IMAGE, CODEC.make(roles.COMPRESSED_IMAGE, **image)
 
 
-def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_in_a_bag(tmp_path: Path) -> None:
+def test_the_head_places_the_camera_in_a_bag(tmp_path: Path) -> None:
     writer = McapWriter(tmp_path / "pan.mcap", CODEC)
     for at_ns, topic, kind, message in panned():
         writer.write(topic, kind, at_ns, CODEC.encode(kind, message))
@@ -234,7 +234,7 @@ def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_in_a_bag(tmp_pa
         assert_same(frame.base_from_camera, head_at(frame.stamp_ns + epoch_ns))
 
 
-def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_live(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_head_places_the_camera_live(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stamped when they are received, by the clock of this machine."""
     reader, sights = RosReader(camera=CAMERA), []
     for at_ns, _, kind, message in panned():

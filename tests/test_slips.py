@@ -19,7 +19,6 @@ from touchline.checks.findings import Severity
 from touchline.checks.slips import find_slips
 from touchline.cli.run import execute
 from touchline.errors import InputError, TouchlineError
-from touchline.field import FieldModel, load_field, open_field
 from touchline.sources import open_source
 from touchline.types import ImageArray
 
@@ -100,19 +99,6 @@ def test_lengths_in_other_units(recording: Path, unit: str, per_metre: float) ->
     change(recording / "odometry.csv", ["x", "y"], lambda way: per_metre * way)
     (slip,) = find_slips(open_source(recording))
     assert (slip.code, slip.where, unit in slip.advice) == ("length-unit", "odometry.csv", True)
-
-
-@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
-def test_a_field_in_other_units(tmp_path: Path, unit: str, per_metre: float) -> None:
-    field = open_field("msl-18x12")
-    with pytest.raises(InputError, match=f"length: {per_metre * 18:g} m is more than any field has.*{unit}"):
-        FieldModel("lab", per_metre * 18.0, 12.0, 0.125, segments=field.segments)
-    with pytest.raises(InputError, match=r"line_width: 12\.5 m is more than any field has.*centimetres"):
-        FieldModel("lab", 18.0, 12.0, 12.5, segments=field.segments)
-    path = tmp_path / "field.yaml"
-    path.write_text(f"length: 18\nwidth: {12 * per_metre}\nline_width: 0.125\n")
-    with pytest.raises(InputError, match=rf"field\.yaml, line 2: width: .*{unit}"):
-        load_field(path)
 
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])

@@ -100,7 +100,7 @@ def test_each_command_says_what_is_wrong(
     assert " ".join((said.out + said.err).split()).count(told) == 1
 
 
-def test_the_height_of_the_camera_behind_a_detector_of_its_own_is_that_of_camera_yaml(wrong: Path) -> None:
+def test_the_height_behind_a_detector_is_that_of_camera_yaml(wrong: Path) -> None:
     """It was taken for 1 m without a word; it tells what an error of the lean does to the features."""
     rows = ["line,1.36,-1.16,2.36,2.90", "X,1.82,0.71,,"]
     without = prepare(observed(wrong / "without", "none", rows), "nimbro-lines")
