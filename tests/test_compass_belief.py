@@ -125,13 +125,3 @@ def test_the_learned_offset_is_bounded_in_total() -> None:
     assert abs(one.offset_rad) <= 0.6 + 1e-9
     assert one.doubted
     assert math.isfinite(one.offset_rad)
-
-
-def test_clutter_does_not_hide_that_the_compass_has_failed() -> None:
-    """Lines of the next field leave a large mean distance; the compass was asked, as if nothing had agreed with it."""
-    one = CompassCorrection()
-    for _ in range(12):
-        one.update(0.2, 0.3, 0.3, error=0.08)
-    for _ in range(3):
-        one.update(0.2, 0.3, 0.3 + math.pi, error=0.08)
-    assert one.doubted

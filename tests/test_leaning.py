@@ -13,17 +13,13 @@ from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import PerspectiveResponse, ahead
 from touchline.localization.estimator.filter import Filter, InitialUncertainty
-from touchline.localization.estimator.statistics import CameraErrorStatistics
-from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay
 from touchline.localization.registration.attitudes import attitude_offsets, fit_leaning
-from touchline.localization.registration.joint import StateFit, StatePrior
+from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.seen import seen_points
-from touchline.motion.delayed import Delayed
 from touchline.motion.driven import Scales
 from touchline.motion.lean import LAG_S, LeanFilter
-from touchline.motion.odometry import Motion
 from touchline.types import Frame, LinePoints, Samples
 
 
@@ -72,29 +68,6 @@ def test_a_mirrored_filter_keeps_what_it_knows_of_the_camera() -> None:
     np.testing.assert_array_equal(twin.covariance, one.covariance)
     np.testing.assert_array_equal(twin.error_covariance, one.error_covariance)
     assert twin.odometry == one.odometry
-
-
-@pytest.mark.parametrize("noise", [0.3, 1.5])
-def test_the_noise_of_steps_is_learned_and_the_covariance_honest(noise: float) -> None:
-    rng, true, information = np.random.default_rng(2), np.zeros(7), np.diag([1e4, 1e4, 1e5, 1e4, 1e4, 1e4, 1e4])
-    one, steps, squares = walking_filter(Pose(0.0, 0.0, 0.0), 1e-4 * np.eye(3)), StepNoise(walks=True), []
-    per_image = CameraErrorStatistics(camera_errors(None, 1.0)).per_image
-    motion = Motion(Pose(0.0, 0.0, 0.0), np.diag([0.005, 0.005, 0.003]) ** 2, 0.0)
-    for _ in range(300):
-        one.predict(Delayed(motion, 0.0, np.zeros(3), np.zeros(3)), 0.125, steps.of(motion))
-        true[:3] += noise * np.array([0.01, 0.01, 0.004]) * rng.standard_normal(3)
-        seen = true + rng.standard_normal(7) / np.sqrt(np.diag(information))
-        expected = one.prior(per_image)
-        state = expected.mean + np.linalg.solve(
-            expected.information + information, information @ (seen - expected.mean)
-        )
-        fit = StateFit(state, information, information @ (seen - state), 1.0, 20.0, 1.0, 0.01, 0.0, 0.0)
-        steps.learn(one, fit, per_image)
-        one.correct(fit, per_image)
-        off = one.pose.as_array()[:2] - true[:2]
-        squares.append(off @ np.linalg.solve(one.covariance[:2, :2], off) / 2.0)
-    assert 0.7 < np.mean(squares[50:]) < 1.4
-    assert (steps.factors[0] < 0.5) == (noise < 1.0)
 
 
 def test_a_pan_turns_the_axes_of_roll_and_pitch() -> None:
