@@ -1,7 +1,4 @@
-"""What can't be localised as a humanoid's recording is told in one clear sentence, whichever command is asked.
-
-A robot that has fallen, and runs without attitude: test_check_features.py and test_how_to_humanoid.py.
-"""
+"""What can't be localised as a humanoid's recording is told in one clear sentence, whichever command is asked."""
 
 from __future__ import annotations
 
