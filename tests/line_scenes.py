@@ -8,8 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from touchline.calibration.nearest_line import outward
-from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.types import Estimate, Frame, LinePoints, Observation, Samples
+
+POLAR = (0.02, 0.01, 0.0087)  # of the range as a share of it and in m, of the bearing in rad
+
+
+def polar_covariances(positions_m: FloatArray, noise: tuple[float, float, float] = POLAR) -> FloatArray:
+    """Covariances (N, 2, 2) in m² of positions (N, 2) that a camera has seen."""
+    ranges, bearings = np.hypot(*positions_m.T), np.arctan2(positions_m[:, 1], positions_m[:, 0])
+    axes = np.array([[np.cos(bearings), -np.sin(bearings)], [np.sin(bearings), np.cos(bearings)]])
+    variances = np.square([noise[0] * ranges + noise[1], noise[2] * ranges])
+    return np.ascontiguousarray(np.einsum("ian,an,jan->nij", axes, variances, axes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +82,29 @@ def view(
     radius, angle = reach_m * np.sqrt(rng.random(stray.sum())), rng.uniform(-np.pi, np.pi, stray.sum())
     seen[stray] = np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
     return np.ascontiguousarray(seen)
+
+
+def seen(pose: Pose, seed: int, reach_m: float = 5.0) -> LinePoints:
+    """Noisy line points of an MSL field within reach of a pose, and a few that are none."""
+    rng = np.random.default_rng(seed)
+    exact = pose.inverse().transform(np.vstack(open_field("msl-18x12").polylines(0.25)))
+    exact = exact[np.hypot(*exact.T) < reach_m]
+    covariances = polar_covariances(exact)
+    noisy = exact + np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=exact.shape))
+    points = np.vstack((noisy, rng.uniform(-4.0, 4.0, (len(noisy) // 15, 2))))
+    n = len(points)
+    return LinePoints(points, polar_covariances(points), np.ones(n), np.full((n, 2), np.nan))
+
+
+def frame(k: int, points: LinePoints, compass_rad: float | None = None) -> Frame:
+    """The k-th image of a robot that stands, ten a second."""
+    stamp_ns = 100_000_000 * k
+    stamps = np.array([stamp_ns - 20_000_000, stamp_ns])
+    compass = None if compass_rad is None else Samples(stamps, np.full((2, 1), compass_rad))
+    still = Samples(stamps, np.zeros((2, 3)))
+    return Frame(stamp_ns, observation=Observation(stamp_ns, points), odometry=still, compass=compass)
+
+
+def errors(estimate: Estimate, truth: Pose) -> tuple[float, float]:
+    """Of an estimate, in m and rad."""
+    return estimate.pose.distance_to(truth), abs(wrap_angle(estimate.pose.heading - truth.heading))

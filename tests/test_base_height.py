@@ -9,19 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from foreign_bags import BASE_FROM_BODY, EPOCH_NS, Message, Types, compressed, foreign_messages, write_foreign
-from rosbags.highlevel import AnyReader
 from small_recordings import borrow
 
 from touchline.geometry import Pose3
-from touchline.live.heard import Sight
-from touchline.live.ros_reader import TRANSFORMS, RosReader
 from touchline.sources import BagOptions, Recording, open_source
-from touchline.sources.bags import roles
 
 IMAGE = "/front/image_raw/compressed"
 UP = Pose3(np.eye(3), np.array([0.0, 0.0, BASE_FROM_BODY]))
 TF = "tf2_msgs/msg/TFMessage"
-ROLES = {"/tf": TRANSFORMS, "/tf_static": TRANSFORMS, "/robot/odom": roles.ODOMETRY, IMAGE: roles.IMAGE}
 
 
 @pytest.fixture(scope="module")
@@ -81,23 +76,6 @@ def test_the_camera_of_a_bag_is_over_the_ground(kind: str, robot: Recording, tmp
         assert expected.base_from_camera is not None
         assert_same(found.base_from_camera, expected.base_from_camera)
     assert 0.8 < read.camera.base_from_camera.translation_m[2] < 1.0
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_camera_of_a_link_is_over_the_ground(kind: str, robot: Recording, tmp_path: Path) -> None:
-    types = Types()
-    bag = write_foreign(tmp_path / "walk.mcap", messages(robot, types, kind), types)
-    reader, sights = RosReader(), []
-    with AnyReader([bag]) as opened:
-        for connection, _, data in opened.messages():
-            message = opened.deserialize(data, connection.msgtype)
-            role = ROLES.get(connection.topic)
-            sights += [each for each in reader.read(role, message) if isinstance(each, Sight)] if role else []
-    assert len(sights) == 4
-    for sight, expected in list(zip(sights, robot, strict=True)):
-        assert sight.base_from_camera is not None
-        assert expected.base_from_camera is not None
-        assert abs(sight.base_from_camera.translation_m[2] - expected.base_from_camera.translation_m[2]) < 1e-3
 
 
 def test_a_base_that_is_named_is_on_the_ground(robot: Recording, tmp_path: Path) -> None:

@@ -1,17 +1,16 @@
-"""The filter of pose, odometry, delay and camera errors: its update, and what a tilted mirror teaches."""
+"""The filter of pose, odometry, delay and camera errors: its update, and a mirror that may be exact."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from fakes import codes_of
+from drives import open_drive
 
 from touchline.field import open_field
-from touchline.geometry import Pose
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import CameraErrors, camera_errors
 from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.estimator.exact_camera import as_exact
 from touchline.localization.estimator.filter import (
     DELAY_DRIFT_S,
     SCALE_DRIFT,
@@ -19,6 +18,7 @@ from touchline.localization.estimator.filter import (
     Filter,
     InitialUncertainty,
 )
+from touchline.localization.estimator.filter_kernels import ERRORS
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.registration.joint import Seen, StateFit
 from touchline.localization.registration.registration import SETTLED, Registration
@@ -26,23 +26,18 @@ from touchline.localization.registration.seen import repeated, seen_points
 from touchline.motion.delayed import Delayed
 from touchline.motion.driven import Scales
 from touchline.motion.odometry import Motion
-from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
-from touchline_lab.experiments.drives import driven
-from touchline_lab.experiments.nees import CONDITIONS, Condition, honesty
 
 FIELD = open_field("msl-18x12")
-AS_BUILT = ("camera.known_from=design", "camera.mirror.range_spread=0.01")
 TRUTH = Pose(3.0, -1.0, 0.4)
-ERRORS = np.array([0.006, -0.004, 0.6, -0.3, 0.008])
+ASKEW = np.array([0.006, -0.004, 0.6, -0.3, 0.008])
 DEVIATIONS = np.array([0.02, 0.02, 3.0, 3.0, 0.02])
 UNKNOWN = InitialUncertainty(Scales(0.03, 0.03, 0.03), np.diag(DEVIATIONS**2), 0.01 * DEVIATIONS, 1.0)
-NO_LEAN = np.zeros((5, 5))  # per image
 
 
 @pytest.fixture(scope="module")
 def mirror() -> CameraErrors:
-    return camera_errors(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera)
+    return camera_errors(open_drive("tracks").setup.camera)
 
 
 def askew(mirror: CameraErrors, errors: np.ndarray) -> LinePoints:
@@ -66,21 +61,6 @@ def counted(points: LinePoints) -> Seen:
     return seen_points(points, 1.0 / repeated(len(points)))
 
 
-def test_one_image_of_a_mirror_askew_tells_pose_and_errors(mirror: CameraErrors) -> None:
-    seen = seen_points(askew(mirror, ERRORS), 1.0)._replace(noise=0.05)
-    one = Filter(Pose(3.05, -1.04, 0.42), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
-    registration = Registration(FIELD.distance_map())
-    for _ in range(10):
-        prior = one.prior(NO_LEAN)
-        fit = registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response())
-        one.correct(fit, NO_LEAN)
-    assert one.pose.distance_to(TRUTH) < 0.005
-    np.testing.assert_allclose(one.errors[:2], ERRORS[:2], atol=5e-4)
-    assert one.errors[4] == pytest.approx(ERRORS[4], abs=1e-3)
-    assert np.sqrt(one.error_covariance[0, 0]) < 1e-3
-    assert np.linalg.eigvalsh(one.covariance)[0] > 0.0
-
-
 def test_the_update_is_the_fit_and_its_inverse_information(mirror: CameraErrors) -> None:
     seen, per_image = counted(askew(mirror, np.zeros(5))), CameraErrorStatistics(mirror).per_image
     one = Filter(Pose(3.01, -1.0, 0.4), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
@@ -90,36 +70,6 @@ def test_the_update_is_the_fit_and_its_inverse_information(mirror: CameraErrors)
     assert one.pose.distance_to(Pose(*fit.state[:3].tolist())) < 1e-3
     expected = np.linalg.inv(fit.information + prior.information)[:3, :3]
     np.testing.assert_allclose(one.covariance, expected, rtol=1e-3, atol=1e-9)
-
-
-def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(mirror: CameraErrors) -> None:
-    seen = counted(askew(mirror, ERRORS))
-    registration, spread = Registration(FIELD.distance_map()), np.diag([0.1, 0.1, 0.1]) ** 2
-    kept, taught = (Filter(TRUTH, spread, UNKNOWN._replace(learned=learned)) for learned in (0.0, 1.0))
-    for one in (kept, taught):
-        for _ in range(10):
-            prior = one.prior(NO_LEAN)
-            one.correct(registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response()), NO_LEAN)
-    np.testing.assert_array_equal(kept.errors, 0.0)
-    np.testing.assert_allclose(kept.error_covariance, UNKNOWN.errors, atol=1e-12)
-    assert np.trace(taught.error_covariance) < 0.5 * np.trace(kept.error_covariance)
-    assert np.trace(taught.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
-
-
-def test_shaking_is_learned_from_a_lone_line_too(mirror: CameraErrors) -> None:
-    statistics, rng, per_m = CameraErrorStatistics(mirror), np.random.default_rng(1), 0.006
-    exact = TRUTH.inverse().transform(np.column_stack((np.linspace(0.0, 5.0, 60), np.full(60, 5.9375))))
-    registration, n = Registration(FIELD.distance_map()), len(exact)
-    known = InitialUncertainty(Scales(0.0, 0.0, 0.0), np.zeros((5, 5)), np.zeros(5), 1.0)
-    for _ in range(200):
-        errors = np.concatenate((per_m * rng.standard_normal(2), np.zeros(3)))
-        found = as_seen(exact, errors, mirror) + 0.01 * rng.standard_normal((n, 2))
-        points = LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
-        seen = counted(points)._replace(noise=statistics.noise)
-        prior = Filter(TRUTH, np.diag([0.05, 0.05, 0.02]) ** 2, known).prior(statistics.per_image)
-        fit = registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response())
-        statistics.learn(fit, prior, seen)
-    assert statistics.lean == pytest.approx(per_m, rel=0.35)
 
 
 # --- against a dense Kalman filter in plain NumPy ---------------------------------------------------------------------
@@ -139,7 +89,7 @@ def unsure(learned: float) -> Filter:
     one = Filter(TRUTH, np.eye(3), UNKNOWN._replace(learned=learned, yaw_rate_rad_s=0.003, delay_s=0.05))
     deviations = np.array([0.05, 0.04, 0.02, 0.03, 0.03, 0.03, 0.003, 0.05, *DEVIATIONS])
     one.joint = covariance_of(rng, STATES, deviations)
-    one.mean[3:] = [0.02, -0.01, 0.015, 0.002, 0.08, *0.3 * ERRORS]
+    one.mean[3:] = [0.02, -0.01, 0.015, 0.002, 0.08, *0.3 * ASKEW]
     return one
 
 
@@ -196,7 +146,7 @@ def test_the_correction_is_that_of_a_dense_kalman_filter(learned: float) -> None
     np.testing.assert_allclose(one.joint, left @ joint @ left.T + gain @ spread @ gain.T, rtol=1e-5, atol=1e-9)
 
 
-def test_what_is_expected_of_an_image_is_the_covariance_of_what_it_measures() -> None:
+def test_an_image_is_expected_as_its_covariance_says() -> None:
     one, per_image = unsure(1.0), np.diag([1e-5, 1e-5, 0.0, 0.0, 0.0])
     shift = np.array([0.01, -0.02, 0.003])
     expected = one.joint[np.ix_(MEASURED, MEASURED)].copy()
@@ -210,74 +160,44 @@ def test_what_is_expected_of_an_image_is_the_covariance_of_what_it_measures() ->
 # --- in play ----------------------------------------------------------------------------------------------------------
 
 
-def test_the_covariance_beside_a_lone_line_is_honest() -> None:
-    told = [honesty(CONDITIONS[2], "touchline", robot) for robot in (0, 3)]
-    assert np.mean([one.nees for one in told]) < 1.5
+def normal_log(value: FloatArray, covariance: FloatArray) -> float:
+    return float(
+        -0.5 * value @ np.linalg.solve(covariance, value) - 0.5 * np.linalg.slogdet(2.0 * np.pi * covariance)[1]
+    )
 
 
-def test_a_wrong_pose_that_bends_the_mirror_to_itself_is_left() -> None:
-    """The first image of this robot fits best elsewhere, a mirror's errors once learned there fit nowhere else."""
-    drive = driven("straight-tracks", 17, 1.0, "camera.known_from=design")
-    setup = drive.setup
-    system = open_system("touchline", setup)
-    last = [system.step(frame) for frame in drive.frames][-1]
-    assert np.hypot(*(np.array(last.pose) - drive.truth[-1])[:2]) < 0.1
+def measured(prior: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, float]:
+    """State and covariance after ten measurements, and the logarithm of what is expected of them."""
+    state, joint, evidence = np.zeros(8), prior.copy(), 0.0
+    for _ in range(10):
+        seen, noise, value = rng.standard_normal((4, 8)), 0.3 * np.eye(4), rng.standard_normal(4)
+        spread = seen @ joint @ seen.T + noise
+        away = value - seen @ state
+        evidence += normal_log(away, spread)
+        gain = joint @ seen.T @ np.linalg.inv(spread)
+        state, joint = state + gain @ away, joint - gain @ seen @ joint
+    return state, joint, evidence
 
 
-def test_a_robot_as_built_is_followed_within_centimetres_once_its_mirror_is_learned() -> None:
-    drive = driven("straight-tracks", 3, 8.0, *AS_BUILT)
-    setup = drive.setup
-    mean_m = {learned: late_error_m(drive, setup, learned) for learned in (True, False)}
-    assert mean_m[True] < 0.015, mean_m
-    assert mean_m[True] < mean_m[False]
+def test_an_exact_camera_follows_from_the_filter_of_another() -> None:
+    wide, narrow = np.eye(8), np.eye(8)
+    narrow[3:, 3:] *= 0.05
+    state, joint, evidence = measured(wide, np.random.default_rng(1))
+    other, other_joint, other_evidence = measured(narrow, np.random.default_rng(1))
+    more = np.linalg.inv(narrow[3:, 3:]) - np.linalg.inv(wide[3:, 3:])
+    shift, covariance, fits = as_exact(joint[:3, :3], joint[:3, 3:], joint[3:, 3:], state[3:], more)
+    normalisation = 0.5 * (np.linalg.slogdet(wide)[1] - np.linalg.slogdet(narrow)[1])
+    np.testing.assert_allclose(state[:3] + shift, other[:3], atol=1e-9)
+    np.testing.assert_allclose(covariance, other_joint[:3, :3], atol=1e-9)
+    assert fits + normalisation == pytest.approx(other_evidence - evidence, abs=1e-9)
 
 
-def test_where_camera_yaml_is_right_learning_costs_little() -> None:
-    """Points of neighbouring images err together: learned at once, that would be a mirror displaced by 0.2 px."""
-    drive = driven("match", 1, 25.0)
-    setup = drive.setup
-    assert late_error_m(drive, setup, learned=True) < 1.1 * late_error_m(drive, setup, learned=False)
-
-
-def late_error_m(drive, setup: RobotSetup, learned: bool) -> float:
-    system = open_system("touchline", setup, {"self_calibration": learned})
-    poses = np.array([system.step(frame).pose for frame in drive.frames])
-    away = np.hypot(*(poses - drive.truth)[:, :2].T)
-    return float(away[drive.times_s > 5.0].mean())
-
-
-def test_a_head_that_shakes_is_no_robot_that_is_shoved() -> None:
-    """An image that leans by 0.9° shifts lines 6 m off by a metre: the fit starts wide enough to reach them."""
-    drive = driven("straight-tracks", 5, 10.0, "camera.mirror.vibration_deg=0.3")
-    setup = drive.setup
-    system = open_system("touchline", setup)
-    away = np.array([system.step(frame).pose for frame in drive.frames]) - drive.truth
-    assert np.hypot(*away[drive.times_s > 5.0, :2].T).max() < 0.03
-
-
-def test_a_head_that_shakes_harder_than_was_assumed_at_first_is_no_delay() -> None:
-    """By the deviation that the filter states its images would be stamped 0.10 s late, after a second."""
-    drive = driven("straight-tracks", 4, 2.5, "camera.mirror.vibration_deg=0.5")
-    setup = drive.setup
-    system = open_system("touchline", setup)
-    assert not codes_of(*map(system.step, drive.frames)) & {"stamps-late", "stamps-late-corrected", "stamps-early"}
-
-
-def test_a_head_that_nobody_tells_of_leans_and_shakes_too() -> None:
-    """Its points come from a detector of the robot's own, without a camera.yaml; taken at their word: 2.5 cm."""
-    drive = driven("straight-tracks", 1, 10.0)
-    setup = drive.setup
-    assert late_error_m(drive, replace(setup, camera=None), learned=True) < 0.012
-
-
-def test_the_covariance_of_a_robot_as_built_is_honest() -> None:
-    told = honesty(Condition("free"), "touchline", 3)
-    assert 0.4 < told.nees < 2.0
-    assert told.tracked > 0.95
-
-
-def test_a_lone_line_for_ten_seconds_loses_no_robot() -> None:
-    told = honesty(Condition("a lone line", line=True), "touchline", 3)
-    assert told.tracked >= 0.92  # now and then late stamps would explain the motion of a line, too: that is said
-    assert told.nees < 3.0
-    assert told.error_m < 0.08
+def learned(mirror: CameraErrors, errors: list[float]) -> Filter:
+    """A filter that has seen these errors, each known to a twentieth of what it was, and a pose that goes with them."""
+    unknown = InitialUncertainty(Scales(0, 0, 0), mirror.prior, mirror.drift, mirror.learned)
+    one = Filter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), unknown)
+    one.mean[ERRORS:] = errors
+    deviations = 0.05 * np.sqrt(np.diag(mirror.prior))
+    one.error_covariance[:] = np.diag(deviations**2)
+    one.error_crossed[0, 2] = 0.8 * 0.01 * deviations[2]
+    return one

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation.estimates import COLUMNS, HEADER, read_estimates
-from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder
 from touchline.geometry import Pose
 from touchline.types import Estimate, Mode, Status
-
-EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-
 
 ALWAYS = "probability,twin_probability,end_probability,protection_m,protection_rad,statistics,reason"
 
@@ -34,7 +28,7 @@ def written(folder: Path, modes: list[Mode | None]) -> Path:
     return folder / "estimates.csv"
 
 
-def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -> None:
+def test_modes_are_written_and_come_back(tmp_path: Path) -> None:
     modes: list[Mode | None] = [Mode.OMNIVISION, Mode.BOTH, Mode.ODOMETRY]
     path = written(tmp_path / "run", modes)
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -45,7 +39,7 @@ def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -
     assert [tuple(Mode)[k] for k in table.mode] == modes
 
 
-def test_systems_without_modes_and_runs_without_frames_have_the_columns_of_always(tmp_path: Path) -> None:
+def test_without_modes_the_columns_are_those_of_always(tmp_path: Path) -> None:
     for name, modes in (("plain", [None, None]), ("empty", [])):
         path = written(tmp_path / name, list(modes))
         assert path.read_text(encoding="utf-8").splitlines()[0] == f"{HEADER},{ALWAYS}"
@@ -57,19 +51,3 @@ def test_an_unknown_mode_is_named_with_its_line(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8").replace("omnivision+odometry,", "smell,"), encoding="utf-8")
     with pytest.raises(InputError, match=r"line 2: 'smell'"):
         read_estimates(path)
-
-
-def test_a_run_of_iris_fusion_tells_its_modes_everywhere(tmp_path: Path, capsys: Any) -> None:
-    folder = tmp_path / "run"
-    assert main(["run", str(EXAMPLE), "--system", "iris-fusion", "--output", str(folder)]) == 0
-    assert "\nmode: omnivision " in capsys.readouterr().out
-    run = Run(folder)
-    counts = run.summary.mode
-    assert set(counts) == {mode.value for mode in Mode}
-    assert sum(counts.values()) == run.summary.frames
-    assert counts["omnivision+odometry"] > 40
-    page = run.report.read_text(encoding="utf-8")
-    assert "coloured by the mode" in page
-    assert "var(--both)" in page
-    assert run.errors is not None
-    assert run.errors.position.mean < 0.02

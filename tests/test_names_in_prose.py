@@ -9,10 +9,10 @@ from pathlib import Path
 import touchline
 
 ROOT = Path(__file__).parents[1]
-CODE = ("src", "lab", "ros", "kernels", "benchmarks", "examples", "docs", ".github", "tests")
+CODE = ("src", "lab", "ros", "kernels", "examples", "docs", ".github", "tests")
 KINDS = (".py", ".yaml", ".yml", ".toml", ".xml", ".msg", ".csv")
 FOREIGN = {  # the reader's own, and other programs'
-    *("my_robot", "systems/your_system.py", "camera/your_model.py", "evil", "SEASON", "omni_calibration", "evo_ape"),
+    *("my_robot", "our_package.system:OUR_SYSTEM", "camera/your_model.py", "evil", "SEASON", "omni_calibration", "evo_ape"),
     *("odom_factor", "gcsfs", "malloc", "malloc_trim", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"),
     *("pandas.read_parquet", "polars.scan_parquet", "shared_data", "small_data"),
 }

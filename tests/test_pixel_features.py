@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import random
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,16 +16,14 @@ from touchline.camera import PinholeCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.live.heard import Sight
-from touchline.live.ros_link import UNUSABLE
 from touchline.live.ros_reader import TRANSFORMS, RosReader
 from touchline.sources import open_source
 from touchline.sources.bags import roles
-from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.standard import BASE, OPTICAL, StandardMessages, quaternion_of
-from touchline.sources.bags.transforms import BODY_FROM_OPTICAL, FrameTree
-from touchline.sources.bags.with_rosbags import Codec, earlier_types
+from touchline.sources.bags.transforms import BODY_FROM_OPTICAL
+from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.bags.writing import McapWriter
 from touchline.sources.new_description import write_yaml
 from touchline.sources.problems import ProblemLog
@@ -177,7 +173,8 @@ def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
     check(next(iter(given)).observation)
 
 
-def test_pixels_that_come_live_are_what_is_on_the_ground() -> None:
+def test_pixels_that_come_live_are_what_is_on_the_ground(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("touchline.live.ros_reader.time.monotonic_ns", lambda: 0)  # a busy machine loses no part
     reader, sights = RosReader(camera=CAMERA), []
     for role in (roles.MARKINGS, roles.GOALPOSTS):
         reader.expect(role)
@@ -192,19 +189,6 @@ def test_pixels_that_come_live_are_what_is_on_the_ground() -> None:
         list(RosReader().read(roles.MARKINGS, markings(10 * SECOND_NS)))
 
 
-def test_messages_from_before_humble_are_read_too() -> None:
-    earlier = earlier_types()
-    data = bytes(earlier.serialize_cdr(markings(10 * SECOND_NS, earlier), MARKINGS))
-    back = CODEC.decode(Topic("/markings", MARKINGS, "cdr", None, 1), data)
-    reader = RosReader(camera=CAMERA)
-    list(reader.read(TRANSFORMS, transforms(10 * SECOND_NS)))
-    (sight,) = reader.read(roles.MARKINGS, back)
-    assert isinstance(sight, Sight)
-    assert sight.observation is not None
-    assert len(sight.observation.crossings) == 3
-    assert len(back.segments) == 2
-
-
 def test_places_in_metres_come_before_pixels() -> None:
     kinds = {"/a": MARKINGS, "/b": "soccer_vision_3d_msgs/msg/MarkingArray", "/c": "sensor_msgs/msg/CameraInfo"}
     there = {name: Topic(name, kind, "cdr", None, 5) for name, kind in kinds.items()}
@@ -212,11 +196,6 @@ def test_places_in_metres_come_before_pixels() -> None:
     assert {role: topic.name for role, topic in chosen.items()} == {"markings": "/b"}
     named = choose_topics(there, {"markings": "/a"}, ProblemLog())
     assert {role: topic.name for role, topic in named.items()} == {"markings": "/a", "camera_info": "/c"}
-
-
-def test_a_lean_that_nothing_tells_is_told() -> None:
-    with pytest.raises(InputError, match="nothing tells how the camera leans"):
-        list(RosReader(camera=CAMERA).read(roles.MARKINGS, markings(10 * SECOND_NS)))
 
 
 def head_message(stamp_ns: int) -> Any:
@@ -239,7 +218,7 @@ def panned() -> Iterator[tuple[int, str, str, Any]]:
             yield at_ns, "/image/compressed", roles.COMPRESSED_IMAGE, CODEC.make(roles.COMPRESSED_IMAGE, **image)
 
 
-def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_in_a_bag(tmp_path: Path) -> None:
+def test_the_head_places_the_camera_in_a_bag(tmp_path: Path) -> None:
     writer = McapWriter(tmp_path / "pan.mcap", CODEC)
     for at_ns, topic, kind, message in panned():
         writer.write(topic, kind, at_ns, CODEC.encode(kind, message))
@@ -256,7 +235,7 @@ def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_in_a_bag(tmp_pa
         assert_same(frame.base_from_camera, head_at(frame.stamp_ns + epoch_ns))
 
 
-def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_live(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_head_places_the_camera_live(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stamped when they are received, by the clock of this machine."""
     reader, sights = RosReader(camera=CAMERA), []
     for at_ns, _, kind, message in panned():
@@ -269,37 +248,7 @@ def test_the_pose_of_a_head_places_the_camera_at_an_image_s_time_live(monkeypatc
         assert_same(sight.base_from_camera, head_at(sight.stamp_ns))
 
 
-def test_a_body_that_leans_leans_its_camera_live_as_in_a_bag() -> None:
-    """Where the transforms begin at base_link: it stands on no ground."""
-    tree, mount = FrameTree(), MAKE.transform(1, "base_link", OPTICAL, MOUNT.compose(BODY_FROM_OPTICAL))
-    track = CameraTrack(tree)
-    track.moved(tree.update(mount.transforms))
-    track.leaned(9 * SECOND_NS, 0.0, 0.0)
-    track.leaned(11 * SECOND_NS, 0.1, -0.06)
-    assert_same(track.at(OPTICAL, 10 * SECOND_NS), Pose3.from_roll_pitch_yaw(0.05, -0.03, 0.0).compose(MOUNT))
-
-
 def assert_same(pose: Pose3 | None, expected: Pose3) -> None:
     assert pose is not None
     np.testing.assert_allclose(pose.rotation, expected.rotation, atol=1e-6)
     np.testing.assert_allclose(pose.translation_m, expected.translation_m, atol=1e-6)
-
-
-def test_mutated_pixels_do_no_harm() -> None:
-    """Bytes as the network brings them, through decoder and reader."""
-    count, chance, used = int(os.environ.get("TOUCHLINE_MUTATED", "300")), random.Random(2), 0
-    good = [(roles.MARKINGS, MARKINGS, markings(10 * SECOND_NS)), (roles.GOALPOSTS, POSTS, goalposts(10 * SECOND_NS))]
-    sent_bytes = [(role, Topic("/seen", kind, "cdr", None, 1), CODEC.encode(kind, each)) for role, kind, each in good]
-    reader = RosReader(camera=CAMERA)
-    list(reader.read(TRANSFORMS, transforms(10 * SECOND_NS)))
-    for k in range(count):
-        role, topic, data = sent_bytes[k % 2]
-        changed = bytearray(data)
-        for _ in range(chance.randint(1, 4)):
-            changed[chance.randrange(4, len(changed))] = chance.choice((0, 1, 127, 128, 255, chance.randrange(256)))
-        try:
-            list(reader.read(role, CODEC.decode(topic, bytes(changed))))
-        except UNUSABLE:
-            continue
-        used += 1
-    assert used > count / 10

@@ -17,19 +17,13 @@ from touchline.api import prepare
 from touchline.checks.check import check_recording
 from touchline.checks.findings import Severity
 from touchline.checks.slips import find_slips
-from touchline.cli import main
 from touchline.cli.run import execute
 from touchline.errors import InputError, TouchlineError
-from touchline.field import FieldModel, load_field, open_field
-from touchline.messages import length_unit
 from touchline.sources import open_source
-from touchline.sources.observations import HEADER
-from touchline.sources.units import time_unit
 from touchline.types import ImageArray
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 IMAGES = 6
-TABLES = ("images.csv", "odometry.csv", "imu.csv", "wheels.csv")
 DEGREES = 180.0 / math.pi
 
 
@@ -73,11 +67,6 @@ def found(folder: Path) -> list[tuple[str, str]]:
     return [(slip.code, slip.where) for slip in find_slips(open_source(folder))]
 
 
-def test_the_example_makes_no_slip(shared_data: Path) -> None:
-    for folder in [EXAMPLE, *(path.parent for path in shared_data.glob("*/sequence.yaml"))]:
-        assert found(folder) == []
-
-
 @pytest.mark.parametrize(("unit", "per_second"), [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)])
 def test_times_in_other_units(recording: Path, unit: str, per_second: float) -> None:
     change(recording / "odometry.csv", ["t"], lambda t: per_second * t)
@@ -89,15 +78,6 @@ def test_times_in_other_units(recording: Path, unit: str, per_second: float) -> 
     change(recording / "images.csv", ["t"], lambda t: per_second * 1.7e9 + t)  # counted from 1970
     with pytest.raises(InputError, match=f"names no image: its times look like {unit}, t is in seconds"):
         open_source(recording)
-
-
-def test_times_that_may_well_be_seconds() -> None:
-    assert time_unit(1.7e9 + np.arange(10) / 10, 0.01, 10.0) is None
-    assert time_unit([0.0, 5.0, 10.0], 0.01, 10.0) is None
-    assert time_unit([3.0], 0.01, 10.0) is None
-    assert time_unit([], 0.01, 10.0) is None
-    assert time_unit([1.7e12], 0.01, 10.0) == "milliseconds"
-    assert time_unit(np.arange(10) * 1e13, 0.01, 10.0) is None  # nothing that is known
 
 
 def in_degrees(folder: Path) -> list[str]:
@@ -114,53 +94,11 @@ def test_a_compass_in_degrees(recording: Path) -> None:
     assert in_degrees(recording) == ["gz", "yaw"]
 
 
-def test_a_compass_in_degrees_while_the_robot_hardly_turns(recording: Path) -> None:
-    change(recording / "imu.csv", ["yaw"], lambda yaw: 90.0 + DEGREES * yaw)
-    assert in_degrees(recording) == ["yaw"]
-
-
-def test_turns_may_be_counted(recording: Path) -> None:
-    turn(recording, 4.0, 1.0)
-    assert found(recording) == []
-    times = iter(np.genfromtxt(recording / "imu.csv", delimiter=",", names=True)["t"].tolist())
-    change(recording / "imu.csv", ["yaw"], lambda _: 4.0 * next(times))  # 24 rad at the end
-    assert found(recording) == []
-
-
-def test_a_gyro_and_a_lean_in_degrees(recording: Path) -> None:
-    turn(recording, 0.8, 1.0)
-    change(recording / "imu.csv", ["gz"], lambda rate: DEGREES * rate)
-    change(recording / "imu.csv", ["roll"], lambda _: 5.0)
-    assert in_degrees(recording) == ["gz", "roll"]
-
-
 @pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
 def test_lengths_in_other_units(recording: Path, unit: str, per_metre: float) -> None:
     change(recording / "odometry.csv", ["x", "y"], lambda way: per_metre * way)
     (slip,) = find_slips(open_source(recording))
     assert (slip.code, slip.where, unit in slip.advice) == ("length-unit", "odometry.csv", True)
-
-
-@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
-def test_a_field_in_other_units(tmp_path: Path, unit: str, per_metre: float) -> None:
-    field = open_field("msl-18x12")
-    with pytest.raises(InputError, match=f"length: {per_metre * 18:g} m is more than any field has.*{unit}"):
-        FieldModel("lab", per_metre * 18.0, 12.0, 0.125, segments=field.segments)
-    with pytest.raises(InputError, match=r"line_width: 12\.5 m is more than any field has.*centimetres"):
-        FieldModel("lab", 18.0, 12.0, 12.5, segments=field.segments)
-    path = tmp_path / "field.yaml"
-    path.write_text(f"length: 18\nwidth: {12 * per_metre}\nline_width: 0.125\n")
-    with pytest.raises(InputError, match=rf"field\.yaml, line 2: width: .*{unit}"):
-        load_field(path)
-
-
-def test_the_unit_of_a_length() -> None:
-    assert [length_unit(number, 60.0) for number in (900.0, 1800.0, 9000.0, 18000.0)] == [
-        "centimetres",
-        "centimetres",
-        "millimetres",
-        "millimetres",
-    ]
 
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
@@ -180,24 +118,6 @@ def not_localised(folder: Path, tmp_path: Path) -> str:
     return str(raised.value)
 
 
-@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
-def test_observations_in_other_units(small_data: Path, tmp_path: Path, unit: str, per_metre: float) -> None:
-    """Were taken for points: 'tracking', 14.8 m off."""
-    folder = tmp_path / "recording"
-    folder.mkdir()
-    (folder / "sequence.yaml").write_text("format: 1\nfield: indoor-9x6\ncamera: none\nrate_hz: 10\n")
-    around = np.arange(0.0, 2.0 * math.pi, 0.05)
-    rows = [
-        f"{k / 10},point,{per_metre * 2.5 * math.cos(a):.6f},{per_metre * 2.5 * math.sin(a):.6f}" + "," * 11
-        for k in range(IMAGES)
-        for a in around
-    ]
-    (folder / "observations.csv").write_text("\n".join([HEADER, *rows]) + "\n")
-    why = not_localised(folder, tmp_path)
-    assert f"{IMAGES} images was localised: observations.csv: " in why
-    assert f"It looks like {unit}; x_m and y_m are in metres." in why
-
-
 @pytest.mark.parametrize(
     ("repainted", "why"),
     [
@@ -212,15 +132,6 @@ def test_images_that_cannot_be_localised_in(
 ) -> None:
     repaint(recording, repainted)
     assert why in not_localised(recording, tmp_path)
-
-
-def test_a_run_tells_of_slips_before_it_starts(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Though the lines may fit nevertheless."""
-    change(recording / "wheels.csv", ["a", "b"], lambda way: 1000.0 * way)
-    assert main(["run", str(recording), "--start=-5.19,-2.1,0", "-o", str(tmp_path / "run")]) == 0
-    assert "warning: wheels.csv: a way of" in capsys.readouterr().err
 
 
 # --- a perspective camera ---------------------------------------------------------------------------------------------

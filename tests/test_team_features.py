@@ -9,30 +9,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drives import Drive, open_drive
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from team_writing import BOOSTER_TYPES, EPOCH_NS, SOCCER_VISION_TYPES, TeamMessages, write_bag
 
-from touchline.checks.late_odometry import _redealt, find_late
-from touchline.errors import InputError
-from touchline.evaluation.runner import robot_setup
-from touchline.geometry import Pose, Pose3
+from touchline.geometry import Pose3
 from touchline.sources import Recording, open_source
 from touchline.sources.bags import roles
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import BagOptions, choose_topics
-from touchline.sources.bags.standard import StandardMessages, quaternion_of
 from touchline.sources.bags.team_features import feature_rows
-from touchline.sources.bags.transforms import pose3
-from touchline.sources.bags.with_rosbags import Codec, earlier_types
-from touchline.sources.bags.writing import McapWriter
+from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.observations import observation_of
 from touchline.sources.problems import ProblemLog
-from touchline.systems import open_system
-from touchline.types import Crossings, Landmarks, Lines, Observation, Prior, Status, generic_covariances
-from touchline_lab.experiments.drives import Drive
-from touchline_lab.experiments.schulz_runs import AS_BUILT, RIGHT_M, RIGHT_RAD, start_about, walk
+from touchline.types import Crossings, Landmarks, Lines, Observation, generic_covariances
 
 FIELD = "hsl-s-9x6"
 SECOND_NS = 1_000_000_000
@@ -40,7 +32,7 @@ SECOND_NS = 1_000_000_000
 
 @cache
 def walked() -> Drive:
-    return walk(FIELD, AS_BUILT, 3, 8.0)
+    return open_drive("walk-hsl")
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +74,7 @@ def through(message: Any, kind: str, base_from_sensor: Pose3 | None = None) -> l
     return feature_rows(role, back, base_from_sensor or Pose3.identity())
 
 
-def test_a_bag_of_a_booster_robot_is_the_walk_it_was_recorded_of(bag: Path) -> None:
+def test_a_bag_of_a_booster_robot_is_its_walk(bag: Path) -> None:
     recording = read(bag)
     assert recording.sequence["topics"] == {
         "detections": "/booster_soccer/detection",
@@ -101,53 +93,21 @@ def test_a_bag_of_a_booster_robot_is_the_walk_it_was_recorded_of(bag: Path) -> N
         assert sorted(found.crossings.positions_m.ravel()) == pytest.approx(
             sorted(sent.crossings.positions_m.ravel()), abs=1e-5
         )
-        assert found.lines.ends_m == pytest.approx(sent.lines.ends_m, abs=1e-5)
+        known_m = sent.lines.ends_m[np.isfinite(sent.lines.ends_m).all(axis=(1, 2))]
+        assert found.lines.ends_m == pytest.approx(known_m, abs=1e-5)
         assert set(found.landmarks.kinds) == set(sent.landmarks.kinds) & {"post", "penalty_mark"}
     odometry = np.concatenate([f.odometry.values for f in recording if f.odometry is not None])
     sent_odometry = np.concatenate([f.odometry.values for f in told.frames if f.odometry is not None])
     assert odometry[:100] == pytest.approx(sent_odometry[:100], abs=1e-5)
 
 
-def test_a_system_localizes_from_the_bag_alone(bag: Path) -> None:
-    recording, truth = read(bag), walked().truth
-    system = open_system("touchline", robot_setup(recording))
-    system.reset(Prior(start_about(Pose(*truth[0]), 3)))
-    found = [system.step(frame) for frame in recording]
-    assert all(one.status is Status.TRACKING for one in found)
-    assert all(one.pose.is_near(Pose(*true), RIGHT_M, RIGHT_RAD) for one, true in zip(found, truth, strict=True))
-
-
-def test_how_late_an_odometer_comes_is_found_by_the_turns_that_features_show() -> None:
-    long = walk(FIELD, AS_BUILT, 3, 40.0)
-    found = find_late(long.field, [*_redealt(long.frames, -SECOND_NS // 10)])
-    assert found is not None
-    assert found.late_s == pytest.approx(0.1, abs=0.03)
-    assert 0.005 < found.deviation_s < 0.04
-
-
-def test_what_has_no_stamp_is_moved_back_by_what_is_told(bag: Path) -> None:
+def test_samples_without_stamps_are_moved_as_told(bag: Path) -> None:
     plain, late = (next(frame for frame in read(bag, late_ms=ms) if frame.odometry is not None) for ms in (0.0, 40.0))
     assert plain.odometry is not None
     assert late.odometry is not None
     assert plain.odometry.stamp_ns[0] - late.odometry.stamp_ns[0] == pytest.approx(40_000_000, abs=500)
     given = BagOptions(field=FIELD, late_ms=40.0)
     assert BagOptions.from_dict(given.to_dict()) == given
-
-
-def test_messages_of_the_first_robots_are_read_too() -> None:
-    codec, kind = Codec(), BOOSTER_TYPES["/booster_soccer/detection"]
-    earlier = earlier_types()
-    place = np.array([2.0, 1.0, 0.0], dtype=np.float32)
-    one = earlier.types["vision_interface/msg/DetectedObject"](
-        label="TCross", confidence=80.0, xmin=0, ymin=0, xmax=1, ymax=1, received_pos=place, position=place,
-        position_projection=place,
-    )  # fmt: skip
-    header = StandardMessages(codec).header(5 * SECOND_NS, "")
-    topic = Topic("/booster_soccer/detection", kind, "cdr", None, 1)
-    for objects in ([], [one], [one, one]):
-        data = bytes(earlier.serialize_cdr(earlier.types[kind](header=header, detected_objects=objects), kind))
-        rows = feature_rows(roles.DETECTIONS, codec.decode(topic, data), Pose3.identity())
-        assert rows == len(objects) * [{"kind": "T", "x_m": "2.0", "y_m": "1.0", "confidence": "0.8"}]
 
 
 def test_soccer_vision_messages_hold_kinds_places_orientations_and_confidences() -> None:
@@ -163,7 +123,7 @@ def test_soccer_vision_messages_hold_kinds_places_orientations_and_confidences()
     assert back.lines.ends_m == pytest.approx(seen().lines.ends_m)
 
 
-def test_a_confidence_that_is_unknown_is_sure_and_places_come_into_the_base_frame() -> None:
+def test_places_come_into_the_base_frame() -> None:
     markings, _ = TeamMessages(Codec()).soccer_vision(SECOND_NS, seen())
     for each in markings.message.intersections:
         each.confidence.confidence = -1.0
@@ -194,7 +154,7 @@ def test_features_are_taken_before_images_unless_these_are_named() -> None:
     assert set(choose_topics(there, {"image": "/0"}, ProblemLog())) == {"image", "markings", "imu"}
 
 
-def test_a_bag_without_definitions_whose_clock_is_not_the_stamps_is_told_and_set_right(tmp_path: Path) -> None:
+def test_a_clock_unlike_the_stamps_is_set_right(tmp_path: Path) -> None:
     codec, kind = Codec(), "booster_interface/msg/Odometer"
     make = TeamMessages(codec)
     with Ros2Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
@@ -215,31 +175,7 @@ def test_a_bag_without_definitions_whose_clock_is_not_the_stamps_is_told_and_set
     assert abs(int(frames[-1].odometry.stamp_ns[-1]) - frames[-1].stamp_ns) < SECOND_NS // 5
 
 
-def test_a_pose_of_the_head_is_none_without_a_rotation() -> None:
-    codec = Codec()
-    turn = Pose3.from_roll_pitch_yaw(0.1, 0.2, 0.3, (0.1, 0.0, 1.1))
-    x, y, z, w = quaternion_of(turn.rotation)
-    at = codec.make("geometry_msgs/msg/Point", x=0.1, y=0.0, z=1.1)
-    quaternion = codec.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-    pose = codec.make("geometry_msgs/msg/Pose", position=at, orientation=quaternion)
-    head = pose3(pose.position, pose.orientation)
-    assert head is not None
-    assert head.roll_pitch_yaw() == pytest.approx((0.1, 0.2, 0.3))
-    pose.orientation = codec.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
-    assert pose3(pose.position, pose.orientation) is None
-
-
-def test_a_bag_with_neither_images_nor_features_is_refused(tmp_path: Path) -> None:
-    codec = Codec()
-    writer = McapWriter(tmp_path / "odometry.mcap", codec)
-    message = TeamMessages(codec).odometer(0.0, 0.0, 0.0)
-    writer.write(message.topic, message.kind, 0, codec.encode(message.kind, message.message))
-    writer.close()
-    with pytest.raises(InputError, match="neither images nor what a detector found"):
-        read(tmp_path / "odometry.mcap")
-
-
-def test_parts_of_an_image_are_gathered_in_the_order_of_time() -> None:
+def test_parts_of_an_image_are_gathered_in_time() -> None:
     both: Gathering[str] = Gathering(100)
     both.expect("lines")
     both.add("crossings", 10, ["a"], 20)

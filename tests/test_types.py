@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import pickle
-import re
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 
 import touchline
-from touchline.types import LandmarkKind, Landmarks, Lines, Problem, ProblemCode, generic_covariances, points_at
+from touchline.types import LandmarkKind, Landmarks, Lines, generic_covariances, points_at
 
 PLACES = np.array([[1.0, 0.0], [2.0, 1.0]])
 POINTS = points_at(PLACES)
@@ -37,36 +34,14 @@ SEEN = touchline.Observation(7, POINTS, LINES, CROSSINGS, LANDMARKS)
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_what_flows_can_be_pickled_and_is_found_under_its_public_name(value: Any) -> None:
+def test_what_flows_can_be_pickled(value: Any) -> None:
     back = pickle.loads(pickle.dumps(value))
     assert repr(back) == repr(value)
     assert getattr(touchline.types, type(value).__name__) is getattr(touchline, type(value).__name__) is type(value)
 
 
-def test_an_estimate_says_its_bound_or_why_there_is_none() -> None:
-    plain = touchline.Estimate(0, touchline.Pose(1.0, 2.0, 0.5), 1e-4 * np.eye(3), touchline.Status.TRACKING, points=9)
-    assert ", tracking, 9 points)" in repr(plain)
-    assert (plain.protection_m, plain.protection_rad, plain.end_probability, plain.reason) == (None, None, None, "")
-    assert plain.to_dict()["statistics"] == {}
-    bounded = replace(
-        plain, protection_m=0.0612, protection_rad=0.02, end_probability=0.999, statistics={"motion": 0.12}
-    )
-    assert ", tracking within 7 cm, 9 points)" in repr(bounded), "a bound is rounded up"
-    shown = bounded._repr_html_()
-    assert "within 6.1 cm, within 1.1°, this end of the field: 99.9 %" in shown
-    assert "consistency, 1 is the alarm: motion 0.12" in shown
-    tree = json.loads(json.dumps(bounded.to_dict()))
-    assert (tree["protection_m"], tree["protection_rad"], tree["end_probability"]) == (0.0612, 0.02, 0.999)
-    assert tree["statistics"] == {"motion": 0.12}
-    doubted = bounded.unconfirmed("not yet confirmed by motion")
-    assert (doubted.protection_m, doubted.protection_rad, doubted.pose) == (None, None, plain.pose)
-    assert ", searching (not yet confirmed by motion), 9 points)" in repr(doubted)
-    assert "<p>not yet confirmed by motion</p>" in doubted._repr_html_()
-    assert doubted.to_dict()["reason"] == "not yet confirmed by motion"
-
-
 @pytest.mark.parametrize("seen", [POINTS, LINES, CROSSINGS, LANDMARKS], ids=lambda seen: type(seen).__name__)
-def test_things_seen_are_refused_by_the_name_of_what_does_not_fit(seen: Any) -> None:
+def test_things_seen_of_wrong_shapes_are_refused(seen: Any) -> None:
     given = {each.name: getattr(seen, each.name) for each in fields(seen)}
     for name in type(seen).SHAPES:
         with pytest.raises(ValueError, match=f"{type(seen).NAME} need .*{name} \\("):
@@ -79,15 +54,6 @@ def test_what_is_no_measurement_is_left_out_in_every_column() -> None:
     assert [len(part) for part in (far.points, far.lines, far.crossings, far.landmarks)] == [1, 0, 1, 1]
     assert (far.crossings.kinds.tolist(), far.landmarks.colors) == (["L"], (("white",),))
     assert SEEN.usable(100.0).landmarks is LANDMARKS
-
-
-def test_every_code_of_a_problem_is_documented_once() -> None:
-    known = [code for name, code in vars(ProblemCode).items() if name.isupper()]
-    page = (Path(__file__).parents[1] / "docs" / "integrity.md").read_text(encoding="utf-8")
-    table = page.partition("## The codes of problems")[2].partition("\n\n## ")[0]
-    rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
-    assert sorted(code for row in rows for code in re.findall("`([^`]+)`", row)) == sorted(known)
-    assert str(Problem(ProblemCode.STAMPS_LATE, "so late")) == "so late"
 
 
 def test_kinds_and_colours_are_checked() -> None:

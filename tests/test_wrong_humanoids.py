@@ -1,7 +1,4 @@
-"""What can't be localised as a humanoid's recording is told in one clear sentence, whichever command is asked.
-
-A robot that has fallen, and runs without attitude: test_check_features.py and test_how_to_humanoid.py.
-"""
+"""What can't be localised as a humanoid's recording is told in one clear sentence, whichever command is asked."""
 
 from __future__ import annotations
 
@@ -14,14 +11,12 @@ import numpy as np
 import pytest
 from small_recordings import borrow
 
-import touchline
 from touchline.api import prepare
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation.runner import robot_setup
 from touchline.published.nimbro_lines.system import NimbroLines
 from touchline.sources import open_source
-from touchline.systems import paper_settings
 
 FRAMES = 5
 NO_LEAN = "nothing tells how the camera leans at this image"
@@ -102,7 +97,7 @@ def test_each_command_says_what_is_wrong(
     assert " ".join((said.out + said.err).split()).count(told) == 1
 
 
-def test_the_height_of_the_camera_behind_a_detector_of_its_own_is_that_of_camera_yaml(wrong: Path) -> None:
+def test_the_height_behind_a_detector_is_that_of_camera_yaml(wrong: Path) -> None:
     """It was taken for 1 m without a word; it tells what an error of the lean does to the features."""
     rows = ["line,1.36,-1.16,2.36,2.90", "X,1.82,0.71,,"]
     without = prepare(observed(wrong / "without", "none", rows), "nimbro-lines")
@@ -126,23 +121,3 @@ def test_lone_carriage_returns_are_named(wrong: Path) -> None:
     problems = [str(problem) for problem in open_source(wrong / "fallen").problems]
     assert any("holds a carriage return (\\r) that ends no line" in problem for problem in problems)
     rewrite(listed, "\n".join([header, *rows]) + "\n")
-
-
-def test_a_camera_of_loose_images_is_named_as_it_was_given(wrong: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its copy lies in a folder that nobody knows."""
-    broken = wrong / "broken.yaml"
-    broken.write_text((wrong / "camera.yaml").read_text().replace("fx: 493.0", "fx: -3"))
-    command = f"convert {wrong / 'no-field' / 'images'} {wrong / 'new'} --rate 8 --field indoor-9x6 --camera {broken}"
-    assert main(command.split()) == 2
-    assert "broken.yaml: fx and fy, the focal lengths" in " ".join(capsys.readouterr().err.split())
-
-
-def test_one_call_takes_settings_as_they_are(small_data: Path, tmp_path: Path) -> None:
-    folder = borrow(small_data / "humanoid_9x6_walk", tmp_path / "walk", frames=2)
-    chosen = paper_settings("nimbro-lines")
-    run = touchline.run(folder, "nimbro-lines", output=tmp_path / "run", config=chosen)
-    assert run.summary.settings["paper"]["refine"] is False
-    with pytest.raises(InputError, match="system 'nubot-mti' takes NubotMtiSettings, not NimbroLinesSettings"):
-        prepare(small_data / "omni_msl_track", "nubot-mti", config=chosen)
-    with pytest.raises(InputError, match="settings are taken as they are"):
-        prepare(folder, "nimbro-lines", config=chosen, overrides=["belief.blind_s=3"])

@@ -4,6 +4,7 @@ A name that is taken twice is reported in one sentence and left out; nothing is 
 """
 
 import warnings
+from collections.abc import Container
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -12,10 +13,16 @@ class PluginWarning(UserWarning):
     """An installed package brings something that cannot be used."""
 
 
-def entry_points_of(group: str) -> dict[str, EntryPoint]:
-    """The entry points of a group by name, those of Touchline itself first, in the order of their packages."""
+def entry_points_of(group: str, own: Container[str] = ()) -> dict[str, EntryPoint]:
+    """The entry points of a group by name, those of Touchline itself first, in the order of their packages.
+
+    own: names that Touchline has without an entry point.
+    """
     found: dict[str, EntryPoint] = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: not entry.value.startswith("touchline.")):
+        if entry.name in own:
+            _leave_out(entry, "touchline has the name")
+            continue
         first = found.setdefault(entry.name, entry)
         if first.value != entry.value:
             _leave_out(entry, f"{package_of(first)} has the name")

@@ -22,7 +22,7 @@ class CommandGroup(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of all commands."""
         own = super().list_commands(ctx)
-        return [*own, *(name for name in entry_points_of("touchline.commands") if name not in own)]
+        return [*own, *entry_points_of("touchline.commands", own)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command of this package; of another a line of help in its place."""

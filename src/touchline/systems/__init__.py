@@ -33,8 +33,7 @@ class _Systems(UserDict[str, SystemInfo]):
 
     def __init__(self) -> None:
         super().__init__()
-        found = entry_points_of("touchline.systems")
-        self._entries: dict[str, EntryPoint] = {name: found[name] for name in found if name != DEFAULT_SYSTEM}
+        self._entries: dict[str, EntryPoint] = entry_points_of("touchline.systems", (DEFAULT_SYSTEM,))
         self.data = {DEFAULT_SYSTEM: _OWN, **dict.fromkeys(self._entries)}  # type: ignore[dict-item]
 
     def __getitem__(self, name: str) -> SystemInfo:
