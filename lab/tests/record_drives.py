@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from drives import CONFIDENCE, FEATURES, FOLDER, LEAST_SIGMA_M, PLACE_M, SAMPLE, SENSORS, SIGMA_STEPS
 
-from touchline.camera import Camera, OmniCamera, perspective_mapping
+from touchline.camera import Camera, OmniCamera
 from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray, Pose, Pose3
 from touchline.types import Evidence, Frame, LinePoints, Observation, Prior
 from touchline_lab.experiments.catalogue import CATALOGUE, CLOUD, MIRROR, walk_of_points

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline import palette
-from touchline_lab.bench.scoring import over_robots
 from touchline_lab.experiments import drives, lighting, own_points
 from touchline_lab.experiments.drives import Drive, Kidnapped, Track, drive_of, driven, followed, kidnaps_of, longest
 from touchline_lab.experiments.harness import (
@@ -31,6 +30,7 @@ from touchline_lab.experiments.harness import (
 from touchline_lab.experiments.injections import Fault, stuck_compass, turned_compass, unseen
 from touchline_lab.experiments.own_points import OTHERS, OWN, SYSTEMS, row
 from touchline_lab.experiments.scenes import INK, new_figure, robot_dots
+from touchline_lab.statistics import over_robots
 
 COLUMNS = ("what", "figure", "asked of touchline", *SYSTEMS, "touchline less the best other")
 SECONDS, FROM_S = 60.0, 5.0
