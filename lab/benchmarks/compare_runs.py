@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("TOUCHLINE_DATA", ROOT.parent / "shared" / "data"))
 MIRROR_SYSTEMS = ("touchline", "nubot-mti", "nubot-mcl", "nubot-mcl-alone", "iris-fusion")
 HUMANOID_SYSTEMS = ("touchline", "nimbro-lines")
@@ -232,7 +232,11 @@ def write_revision(revision: str, path: Path, only: str) -> None:
         subprocess.run([*git, "add", "--quiet", "--detach", str(checkout), revision], check=True)
         try:
             command = [sys.executable, __file__, "--write", str(path), "--only", only]
-            environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "TOUCHLINE_DATA": str(DATA)}
+            environment = {
+                **os.environ,
+                "PYTHONPATH": f"{checkout / 'src'}{os.pathsep}{checkout / 'lab' / 'src'}",
+                "TOUCHLINE_DATA": str(DATA),
+            }
             subprocess.run(command, cwd=checkout, env=environment, check=True, stdout=subprocess.DEVNULL)
         finally:
             subprocess.run([*git, "remove", "--force", str(checkout)], check=True)

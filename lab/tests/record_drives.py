@@ -282,7 +282,7 @@ def about(drive: Drive) -> dict[str, Any]:
 def _mapping(camera: Camera | None) -> dict[str, Any] | None:
     """What camera.yaml says, of a mirror's table only every TABLE_STEPth row and column."""
     if not isinstance(camera, OmniCamera):
-        return None if camera is None else perspective_mapping(camera)
+        return None if camera is None else camera.mapping()
     mapping = omni_mapping(camera)
     for key, values in mapping["range_table"].items():
         table = np.array(values)[..., ::TABLE_STEP]
