@@ -22,7 +22,7 @@ from touchline.types import Samples
 from touchline_lab.bench import runs
 from touchline_lab.bench.exchange import Answers, read_answers, read_start, track_of_answers, write_inputs
 from touchline_lab.bench.leaderboard import figure, leaderboard
-from touchline_lab.bench.scoring import costs_m, over_robots, per_hour, score_of
+from touchline_lab.bench.scoring import over_robots, score_of
 from touchline_lab.bench.suite import Entry, Suite, digest, open_suite
 from touchline_lab.experiments.drives import Drive, Track
 
@@ -140,12 +140,6 @@ def test_either_end_is_right_but_not_one_and_then_the_other() -> None:
     assert score_of(replace(right, poses=poses), [0.3], either_end=True).wrong == 0
 
 
-def test_an_answer_off_by_a_turn_costs_its_heading() -> None:
-    track = tracks(0.0)
-    turned = replace(track, poses=track.poses + np.array([0.0, 0.0, 0.1]))
-    assert costs_m(turned) == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -169,11 +163,6 @@ def test_intervals_are_bca_s_and_hold_the_mean_as_often_as_they_say() -> None:
     assert 33 <= held <= 40
     assert over_robots([2.0, 2.0]) == (2.0, 2.0, 2.0)
     assert over_robots([1.0, math.inf, math.inf]).value == math.inf
-
-
-def test_nothing_seen_in_an_hour_is_less_than_three_with_95_per_cent() -> None:
-    assert per_hour(0, 3600.0).high == pytest.approx(2.996, abs=0.001)
-    assert per_hour(2, 7200.0).value == 1.0
 
 
 def test_a_run_goes_on_where_it_was_cut_off(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,6 +23,7 @@ def without_images(page: str) -> list[str]:
     return [f"{line} --level points" if "simulate" in line and "--level" not in line else line for line in found]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_lead_to_a_robot_that_knows_where_it_is(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -38,6 +39,7 @@ def test_the_commands_lead_to_a_robot_that_knows_where_it_is(
     assert (tmp_path / "run" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_the_detector_s_program_runs(capsys: pytest.CaptureFixture[str]) -> None:
     (program,) = blocks("tutorial-own-detector", "python")
     exec(compile(program, "tutorial-own-detector.md", "exec"), {})
@@ -53,6 +55,7 @@ def test_a_source_of_one_s_own_is_localised(capsys: pytest.CaptureFixture[str]) 
     assert "other places" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_booster_robot_s_bag_is_localised(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -74,6 +77,7 @@ def free_ports() -> list[str]:
         return [str(each.getsockname()[1]) for each in (one, two)]
 
 
+@pytest.mark.slow
 def test_the_commands_of_a_match_day_for_the_robot_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
