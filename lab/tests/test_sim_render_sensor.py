@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from touchline_lab.simulation.cameras.image_sensor import ImageSensor, noise_numbers
+from touchline.errors import InputError
+from touchline.sources import open_source
+from touchline_lab.simulation.cameras.image_sensor import ImageSensor, LinearImageCamera, noise_numbers
 
 FLAT = ImageSensor(optics_blur_sigma_px=0.0, white_balance_rgb=(1.0, 1.0, 1.0))
 
@@ -84,3 +87,25 @@ def test_exposure_times_gain_counts_and_bright_things_clip() -> None:
     assert np.array_equal(dim, same)
     assert np.all(dim == round(255.0 * (0.1 * 12.0 * 0.16) ** (1.0 / 2.2)))
     assert np.all(bright == 255)
+
+
+def test_linear_images_follow_the_documented_model(small_data: Path) -> None:
+    source = open_source(small_data / "omni_exposure")
+    camera = LinearImageCamera.open(source, 1)
+    camera.set(10.0, 1.0)
+    dark = camera.grab().astype(float)
+    camera.set(10.0, 2.0)
+    bright = camera.grab().astype(float)
+    usable = (dark > 60).all(axis=2) & (bright < 220).all(axis=2)
+    ratio = np.median((bright[usable] / dark[usable]) ** 2.2)
+    assert ratio == pytest.approx(2.0, rel=0.02)
+    camera.set(400.0, 1.0)
+    assert (camera.grab()[usable] == 255).mean() > 0.8  # the rest mixes with what is black beside it
+
+
+def test_recordings_without_linear_images_are_refused(small_data: Path) -> None:
+    with pytest.raises(InputError, match="says nothing of linear images"):
+        LinearImageCamera.open(open_source(small_data / "omni_msl_sun"), 0)
+    camera = LinearImageCamera.open(open_source(small_data / "omni_exposure"), 0)
+    with pytest.raises(InputError, match="positive"):
+        camera.set(-1.0, 1.0)

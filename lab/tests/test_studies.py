@@ -20,11 +20,9 @@ from touchline_lab.experiments.harness import write_result
 ROWS = Path(__file__).parent / "studies.yaml"
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 SHORT: dict[str, dict[str, Any]] = {
-    "lu2013-kidnap": {"kidnap.PER_SEED": 1, "kidnap.SECONDS": 8.0},
     "xiong-samples": {},
     "xiong-kidnap": {"kidnap.PER_SEED": 1, "kidnap.SECONDS": 8.0},
     "xiong-convergence": {},
-    "nees": {"nees.ROBOTS": 1, "nees.SECONDS": 9.0},
     "own-humanoids": {
         "own_humanoids.FIELDS": {"indoor-9x6": "coloured"}, "own_humanoids.RECORDINGS": (),
         "own_humanoids.SECONDS": 8.0, "own_humanoids.SECONDS_FROM_NOWHERE": 6.0, "own_humanoids.STARTS_FROM_NOWHERE": 1,

@@ -76,9 +76,7 @@ def _switching() -> tuple[LightSettings.Change, ...]:
 
 
 FIRST = Case(
-    "first: lamps",
-    _light("lighting-1"),
-    ((5.907, 5.967, 0.044), (7.334, 7.117, 0.052), (30.724, 35.595, 0.286)),
+    "first: lamps", _light("lighting-1"), ((5.907, 5.967, 0.044), (7.334, 7.117, 0.052), (30.724, 35.595, 0.286))
 )
 SECOND = Case(
     "second: lamps and sun",
