@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from touchline_lab.experiments import EXPERIMENTS
+from touchline_lab.experiments import EXPERIMENTS, own_humanoids
 from touchline_lab.experiments.harness import write_result
 
 ROWS = Path(__file__).parent / "studies.yaml"
@@ -25,9 +25,9 @@ SHORT: dict[str, dict[str, Any]] = {
     "xiong-convergence": {},
     "own-humanoids": {
         "own_humanoids.FIELDS": {"indoor-9x6": "coloured"}, "own_humanoids.RECORDINGS": (),
+        "own_humanoids.CASES": own_humanoids.CASES[:1],
         "own_humanoids.SECONDS": 8.0, "own_humanoids.SECONDS_FROM_NOWHERE": 6.0, "own_humanoids.STARTS_FROM_NOWHERE": 1,
     },
-    "iris-track": {"iris_points.SECONDS": 9.0},
     "schulz-accuracy": {
         "schulz_accuracy.SECONDS": 2.0, "schulz_accuracy.SECONDS_WITH_FALSE": 2.0,
         "schulz_accuracy.SECONDS_FROM_NOWHERE": 1.0, "schulz_accuracy.STARTS_FROM_NOWHERE": 1,
@@ -39,6 +39,7 @@ SHORT: dict[str, dict[str, Any]] = {
     "schulz-games": {"schulz_games.GAMES": 1, "schulz_games.SECONDS": 33.0},
     "play": {"faulty_play.SECONDS": 10.0},
 }  # fmt: skip
+FAST = ("xiong-samples", "xiong-kidnap", "schulz-accuracy", "schulz-lines-only", "schulz-imu")
 
 
 def rows_of(name: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> list[list[str]]:
@@ -53,7 +54,7 @@ def rows_of(name: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> list[li
     return [list(row) for row in result.rows]
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in FAST else pytest.mark.slow) for n in SHORT])
 def test_a_studys_table_is_what_it_was(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     was = yaml.safe_load(ROWS.read_text(encoding="utf-8"))[name]
     now = rows_of(name, monkeypatch, tmp_path)

@@ -38,8 +38,6 @@ Listener = Callable[[str], None]
 Row = tuple[str, ...]
 NONE = "–"
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
-
-
 NOTHING = "(?!)"  # a regular expression that matches nothing
 
 
