@@ -55,7 +55,7 @@ def test_the_figures_as_json(small_file: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_other_systems_are_asked_the_same(point_set: PointSet) -> None:
-    assert point_systems() == ("touchline", "nubot-mti", "nubot-mcl", "nubot-mcl-alone", "iris-fusion")
+    assert {*point_systems()} == {"touchline", "nubot-mti", "nubot-mcl", "nubot-mcl-alone", "iris-fusion"}
     points, truth, start = point_set.points[0], Pose(*point_set.truth[0]), Pose(*point_set.init[0])
     rprop = ByRprop(point_set.field)
     stepped = point_localizer("nubot-mcl", point_set.field)

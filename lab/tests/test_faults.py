@@ -14,7 +14,7 @@ import pytest
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.systems import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Problem, Samples, Status, points_at
+from touchline.types import Estimate, Frame, Hypothesis, Observation, Problem, Samples, Status, points_at
 from touchline_lab.experiments import faults, faulty_play
 from touchline_lab.experiments import schulz_runs as humanoids
 from touchline_lab.experiments.catalogue import (
@@ -37,7 +37,7 @@ from touchline_lab.experiments.drives import (
     track_of,
 )
 from touchline_lab.experiments.faults import outcome, rightly_named
-from touchline_lab.experiments.injections import Change, Fault, elsewhere
+from touchline_lab.experiments.injections import Change, Fault
 
 FIELD = open_field("indoor-9x6")
 START_S, END_S = 2.0, 4.0
@@ -71,12 +71,6 @@ def drive(poses: FloatArray) -> Drive:
 
 def values(told: Drive, name: str) -> FloatArray:
     return np.concatenate([getattr(frame, name).values for frame in told.frames])
-
-
-def seen_points(told: Drive, index: int) -> LinePoints:
-    seen = told.frames[index].observation
-    assert seen is not None
-    return seen.points
 
 
 CIRCLE = np.array([[math.sin(0.1 * k), 1.0 - math.cos(0.1 * k), 0.1 * k] for k in range(40)])
@@ -152,20 +146,6 @@ def _has(made: Drive, name: str) -> bool:
     return any(getattr(frame, name) is not None for frame in made.frames)
 
 
-def test_a_robot_that_is_carried_feels_nothing_of_it() -> None:
-    poses = np.column_stack((0.1 * np.arange(80.0) - 4.0, np.full(80, 1.0), np.zeros(80)))
-    told = changed(elsewhere(2.0, 3.0), 1.0, 2.0, drive(poses))
-    way = np.diff(told.truth[:, 0])
-    assert way[8] > 1.5
-    np.testing.assert_allclose(np.delete(way, 8), 0.1, atol=1e-9)
-    felt = np.diff(values(told, "odometry")[:, 0])
-    np.testing.assert_allclose(felt, np.where(np.arange(len(way)) == 8, 0.0, 0.1), atol=1e-9)
-    np.testing.assert_allclose(np.diff(told.times_s), 0.1)
-    lifted = changed(elsewhere(2.0, 3.0, lifted=True), 1.0, 2.0, drive(poses))
-    assert [len(seen_points(lifted, k)) for k in (8, 9, 18, 19)] == [2, 0, 0, 2]
-    assert lifted.truth[19, 0] - lifted.truth[18, 0] > 0.9
-
-
 def estimate(pose: Pose, status: Status = Status.TRACKING, *others: Pose) -> Estimate:
     return Estimate(0, pose, np.eye(3), status, hypotheses=tuple(Hypothesis(other, 0.0) for other in others))
 
@@ -235,17 +215,6 @@ def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     frozen = tuple(kind for kind in CATALOGUE if kind.title == "mirror: the same image with new stamps")
     assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 4]) is True
     assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 2]) is False
-
-
-def test_faults_in_play_come_one_after_the_other_and_go() -> None:
-    drawn = faulty_play.faults_of(MIRROR, 36_000.0, np.random.default_rng(3))
-    times_s = np.array([(fault.start_s, fault.end_s) for _, fault in drawn])
-    lasts_s = times_s[:, 1] - times_s[:, 0]
-    assert (times_s[1:, 0] > times_s[:-1, 1]).all()
-    assert 1.0 <= lasts_s.min() < 2.0
-    assert 80.0 < lasts_s.max() <= 120.0
-    assert len({kind.name for kind, _ in drawn}) > 40
-    assert not any(kind.family in ("carried", "start") for kind, _ in drawn)
 
 
 def test_play_counts_losses_that_nobody_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,6 +32,7 @@ def test_rates_of_leaning_are_the_slopes_of_the_lean(walk: Simulation) -> None:
     assert np.degrees(np.abs(rates).max()) > 15.0
 
 
+@pytest.mark.slow
 def test_a_swaying_body_blurs_edges_by_how_far_they_move_while_the_shutter_is_open() -> None:
     camera, pitch_rate, exposure_ms = SimulatedPerspectiveCamera(blur_steps=16), 0.8, 20.0
     world = _band_across_the_view()

@@ -6,24 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated import NAMES, content, shortened
+from simulated import NAMES, Recordings, content, shortened
 
 from touchline.sources import open_source
 from touchline_lab.simulation.recording import write_recording
 from touchline_lab.simulation.scenario import scenario_names
-
-
-class Recordings(dict[str, Path]):
-    """Every scenario at reduced length, written when first asked for: no process writes what its tests do not need."""
-
-    def __init__(self, parent: Path) -> None:
-        super().__init__()
-        self.parent = parent
-
-    def __missing__(self, name: str) -> Path:
-        self[name] = self.parent / name
-        write_recording(shortened(name), self[name])
-        return self[name]
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +50,7 @@ class TestDeterminism:
         list(simulation)
         np.testing.assert_array_equal(simulation.image(1), shortened("match", 1.0).image(1))
 
+    @pytest.mark.slow
     def test_the_live_samples_are_those_of_the_recording(self, recordings: Recordings) -> None:
         for live, read in zip(shortened("match"), open_source(recordings["match"]), strict=True):
             for sensor in ("odometry", "wheels", "gyro", "compass", "tilt"):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from simulated import scenario_file, shortened
 
-from touchline.geometry import wrap_angle
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
@@ -26,17 +25,6 @@ class TestMotions:
         assert moves[19] > 0.5
         assert max(moves[:19]) < 0.15
         assert all(len(simulation.points(index)) == 0 for index in (17, 18, 19))
-
-    def test_a_walker_sways_with_its_stride_and_looks_where_it_goes(self) -> None:
-        track = Simulation(open_scenario("humanoid-walk", seconds=30.0), "points").track
-        roll = np.degrees(track.attitude[200:2000, 0])
-        assert 1.0 < roll.std() < 3.0
-        power = np.abs(np.fft.rfft(roll - roll.mean()))
-        assert np.fft.rfftfreq(len(roll), 0.01)[np.argmax(power)] == pytest.approx(1.5, abs=0.25)
-        steps = np.diff(track.poses, axis=0)
-        walking = np.hypot(steps[:, 0], steps[:, 1]) > 0.002
-        course = np.arctan2(steps[walking, 1], steps[walking, 0])
-        assert max(abs(wrap_angle(a - b)) for a, b in zip(course, track.poses[1:][walking, 2], strict=True)) < 0.05
 
 
 class TestLive:
