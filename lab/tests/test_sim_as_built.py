@@ -11,7 +11,6 @@ from simulated import scenario_file
 
 from touchline.geometry import FloatArray
 from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
-from touchline_lab.simulation.observation.observed_lines import NO_BODIES
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
@@ -67,13 +66,3 @@ def test_what_a_scenario_names_stands_and_the_rest_comes_from_behind(tmp_path: P
     humanoid = open_scenario("humanoid-walk")
     assert humanoid == open_scenario("humanoid-walk", changes=["ideal=true"]).model_copy(update={"ideal": False})
     assert open_scenario("calibration-strip").disturbances.shove_every_s == 0.0
-
-
-def test_the_field_beside_gives_points_behind_its_gap_and_none_from_the_far_side() -> None:
-    simulation = Simulation(open_scenario("straight-tracks", 1, 2.0), "points")
-    seen = simulation._observed._seen_beside(simulation.truth[5], NO_BODIES)
-    placed = simulation.truth[5].transform(seen)
-    first = simulation.field.width + 2.0 * simulation.field.border + 2.0 - 0.5 * simulation.field.width
-    assert len(seen) > 5
-    assert placed[:, 1].min() > first - 0.1
-    assert len(simulation._observed._seen_beside(simulation.truth[5]._replace(y=-4.0), NO_BODIES)) == 0

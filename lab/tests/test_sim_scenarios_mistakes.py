@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from simulated import NAMES, content, scenario_file, shortened
+from simulated import content, scenario_file, shortened
 from syrupy.assertion import SnapshotAssertion
 
 from touchline.cli import main
@@ -103,11 +103,6 @@ class TestMistakes:
 
 
 class TestCommand:
-    def test_it_lists_the_scenarios(self, capsys: pytest.CaptureFixture[str]) -> None:
-        assert main(["simulate"]) == 0
-        printed = capsys.readouterr().out
-        assert all(name in printed for name in NAMES)
-
     def test_it_writes_a_recording_and_never_overwrites_one(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
