@@ -39,7 +39,7 @@ SHORT: dict[str, dict[str, Any]] = {
     "schulz-games": {"schulz_games.GAMES": 1, "schulz_games.SECONDS": 33.0},
     "play": {"faulty_play.SECONDS": 10.0},
 }  # fmt: skip
-FAST = ("xiong-samples", "xiong-kidnap", "schulz-accuracy", "schulz-lines-only", "schulz-imu")
+FAST = ("schulz-accuracy", "schulz-lines-only")
 
 
 def rows_of(name: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> list[list[str]]:
