@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,16 +19,10 @@ from touchline.camera.exposure import (
 from touchline.camera.exposure_search import EntropySearch, PathSettings, SearchSettings
 from touchline.config import load_settings
 from touchline.errors import InputError, TouchlineError
-from touchline.sources import open_source
 from touchline.sources.uvc_camera import UvcCamera
 from touchline.types import ImageArray
-from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
 
 # --- entropy ----------------------------------------------------------------------------------------------------------
-
-
-def test_an_even_image_has_no_entropy() -> None:
-    assert image_entropy(np.full((8, 8, 3), 77, np.uint8)) == 0.0
 
 
 def test_entropies_of_the_channels_add_up() -> None:
@@ -96,20 +88,13 @@ def run_search(
 
 
 @pytest.mark.parametrize("shape", [parabola, tent])
-@pytest.mark.parametrize("offset", [-3.3, -2.0, -1.1, -0.4, 0.0, 0.3, 0.9, 1.7, 2.6, 3.4])
+@pytest.mark.parametrize("offset", [-3.3, -0.4, 0.0, 0.9, 3.4])
 def test_the_peak_is_found_in_eight_images(shape: Callable[[float], Callable[[float], float]], offset: float) -> None:
     curve = shape(6.0)
     step = math.copysign(max(abs(offset) * 0.75, 0.9), -offset)  # the brightness tells three quarters of the way
     search = run_search(curve, 6.0 + offset, step)
     assert len(search.tried) <= 8
     assert curve(search.best) >= curve(6.0) - 0.05
-
-
-def test_a_first_step_that_lowers_the_entropy_turns_the_search_round() -> None:
-    search = run_search(parabola(4.0), 5.5, +0.9)
-    places = list(search.tried)
-    assert places[1] > places[0] > places[2]
-    assert search.best == pytest.approx(4.0, abs=0.3)
 
 
 @pytest.mark.parametrize(("peak", "end"), [(-2.0, 0.0), (14.0, 12.0)])
@@ -211,7 +196,7 @@ def test_the_robot_waits_from_the_start_until_the_peak_is_found() -> None:
     assert camera.set_to[-1] == (best.exposure_ms, best.gain) == (control.exposure_ms, control.gain)
 
 
-@pytest.mark.parametrize("lamp", [0.25, 0.6, 1.8, 5.0])
+@pytest.mark.parametrize("lamp", [0.25, 5.0])
 def test_changed_light_starts_a_search_in_its_direction(lamp: float) -> None:
     camera = FlatCamera(lamp=1.0)
     control = control_of(camera)
@@ -274,76 +259,6 @@ def test_the_paper_s_rule_has_steps_of_one_length_and_no_overexposed_pixels() ->
 def test_a_senseless_start_is_refused() -> None:
     with pytest.raises(InputError, match="start_ms"):
         ExposureControl(FlatCamera(1.0), mirror_masks(mirror_camera()), start_ms=0.0)
-
-
-# --- the public linear images -----------------------------------------------------------------------------------------
-
-DENSE_STOPS = 0.1
-
-
-def test_from_every_condition_to_every_other_in_eight_images(shared_data: Path) -> None:
-    source = open_source(shared_data / "omni_exposure")
-    masks = mirror_masks(source.camera)
-    settings = ExposureSettings(check_every=1)
-    cameras = [LinearImageCamera.open(source, k, np.random.default_rng(k)) for k in range(len(source))]
-    places = np.arange(3.5, 9.8, DENSE_STOPS)
-    curves = [[entropy_at(camera, masks[1], settings.path, place) for place in places] for camera in cameras]
-    peaks = [float(places[np.argmax(curve)]) for curve in curves]
-    for start, goal in itertools.permutations(range(len(source)), 2):
-        if start % 3 == goal % 3:  # the same light at another place
-            continue
-        camera = SwitchedCamera(cameras[start])
-        control = ExposureControl(camera, masks, settings, start_ms=2.0 ** peaks[start])
-        control.start_at_rest()
-        control.step()
-        camera.source = cameras[goal]
-        camera.source.set(control.exposure_ms, control.gain)
-        control.step()
-        assert control.waiting, (start, goal)
-        while control.waiting:
-            control.step()
-        assert len(control.tried) <= 8
-        assert max(tried.entropy for tried in control.tried) >= max(curves[goal]) - 0.05, (start, goal)
-
-
-def entropy_at(camera: LinearImageCamera, mask: np.ndarray, path: PathSettings, place: float) -> float:  # type: ignore[type-arg]
-    camera.set(*path.at(place))
-    return image_entropy(camera.grab(), mask)
-
-
-class SwitchedCamera:
-    """One of several cameras: the light changes between two images."""
-
-    def __init__(self, source: LinearImageCamera) -> None:
-        self.source = source
-
-    def set(self, exposure_ms: float, gain: float) -> None:
-        self.source.set(exposure_ms, gain)
-
-    def grab(self) -> ImageArray:
-        return self.source.grab()
-
-
-def test_linear_images_follow_the_documented_model(small_data: Path) -> None:
-    source = open_source(small_data / "omni_exposure")
-    camera = LinearImageCamera.open(source, 1)
-    camera.set(10.0, 1.0)
-    dark = camera.grab().astype(float)
-    camera.set(10.0, 2.0)
-    bright = camera.grab().astype(float)
-    usable = (dark > 60).all(axis=2) & (bright < 220).all(axis=2)
-    ratio = np.median((bright[usable] / dark[usable]) ** 2.2)
-    assert ratio == pytest.approx(2.0, rel=0.02)
-    camera.set(400.0, 1.0)
-    assert (camera.grab()[usable] == 255).mean() > 0.8  # the rest mixes with what is black beside it
-
-
-def test_recordings_without_linear_images_are_refused(small_data: Path) -> None:
-    with pytest.raises(InputError, match="says nothing of linear images"):
-        LinearImageCamera.open(open_source(small_data / "omni_msl_sun"), 0)
-    camera = LinearImageCamera.open(open_source(small_data / "omni_exposure"), 0)
-    with pytest.raises(InputError, match="positive"):
-        camera.set(-1.0, 1.0)
 
 
 # --- a USB camera -----------------------------------------------------------------------------------------------------

@@ -13,8 +13,6 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, lookup, open_field
 from touchline.geometry import FloatArray
 
-SPACING_M = 0.002
-
 coordinates = st.floats(-3.0, 3.0)
 angles = st.floats(-7.0, 7.0)
 radii = st.floats(0.05, 2.0)
@@ -43,23 +41,6 @@ def fields(draw: st.DrawFn) -> FieldModel:
 points_lists = st.lists(st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)), min_size=1, max_size=5)
 
 
-def dense_line_points(field: FieldModel) -> FloatArray:
-    """Points of all lines, at most SPACING_M apart, written without the package's geometry."""
-    lines = []
-    for x1, y1, x2, y2 in field.segments:
-        share = np.linspace(0.0, 1.0, int(math.hypot(x2 - x1, y2 - y1) / SPACING_M) + 2)[:, None]
-        lines.append((1 - share) * (x1, y1) + share * (x2, y2))
-    turns = [(*circle, 0.0, 2 * np.pi) for circle in field.circles] + [tuple(arc) for arc in field.arcs]
-    for cx, cy, radius, start, end in turns:
-        while end <= start:
-            end += 2 * np.pi
-        while end > start + 2 * np.pi:
-            end -= 2 * np.pi
-        angle = np.linspace(start, end, int(radius * (end - start) / SPACING_M) + 2)
-        lines.append(np.stack((cx + radius * np.cos(angle), cy + radius * np.sin(angle)), axis=1))
-    return np.concatenate(lines)
-
-
 def twin_line_distances(field: FieldModel, points: FloatArray) -> FloatArray:
     """The NumPy twin of the compiled loop: distances (N,) by angles instead of dot products."""
     columns = []
@@ -77,18 +58,6 @@ def twin_line_distances(field: FieldModel, points: FloatArray) -> FloatArray:
                 for a in (start, end)]  # fmt: skip
         columns.append(np.where(bearing <= sweep, ring, np.minimum(*ends)))
     return np.min(columns, axis=0)
-
-
-@settings(deadline=None)
-@given(fields(), points_lists)
-def test_line_distance_is_that_to_the_nearest_of_densely_sampled_line_points(
-    field: FieldModel, where: list[tuple[float, float]]
-) -> None:
-    points = np.array(where)
-    brute = np.linalg.norm(points[:, None] - dense_line_points(field)[None], axis=2).min(axis=1)
-    exact = field.line_distances(points)
-    assert np.all(exact <= brute + 1e-9)
-    assert np.all(brute <= exact + 0.5 * SPACING_M + 1e-9)
 
 
 @settings(deadline=None)
@@ -168,11 +137,6 @@ def test_gradient_on_a_line_and_at_a_circle_centre_is_zero() -> None:
     assert chart.values[middle, middle + 2].tolist() == [0.0, 0.0, 0.0]
 
 
-def test_map_of_a_symmetric_field_is_symmetric() -> None:
-    values = open_field("spl-9x6").distance_map(0.05).values
-    np.testing.assert_allclose(values[::-1, ::-1, 0], values[..., 0], atol=1e-6)
-
-
 def test_the_default_map_has_samples_every_25_mm_to_3_m_beyond_the_lines() -> None:
     chart = open_field("msl-18x12").distance_map()
     assert chart.values.shape == (721, 961, 3)
@@ -220,15 +184,6 @@ def test_lookup_is_bilinear_and_stays_on_the_map(x: float, y: float) -> None:
 def test_lookup_of_what_is_no_place_is_safe(place: tuple[float, float]) -> None:
     chart = open_field_once().distance_map(0.1, 1.0)
     assert np.all(np.isfinite(lookup(chart.table, *place)))
-
-
-def test_look_up_is_within_half_a_cell_of_the_exact_distance() -> None:
-    field = open_field("msl-18x12")
-    points = np.random.default_rng(5).uniform((-11.0, -8.0), (11.0, 8.0), (5000, 2))
-    distances, _ = field.distance_map().look_up(points)
-    errors = np.abs(distances - field.line_distances(points))
-    assert errors.max() <= 0.025 * math.sqrt(0.5)  # at a line between samples
-    assert errors.mean() < 3e-4
 
 
 _FIELD: list[FieldModel] = []

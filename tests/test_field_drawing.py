@@ -11,7 +11,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.field.drawing import CARPET, COLORS, NET, PAINT, draw_field, field_view
 from touchline.field.lettering import dimension_lines, draw_letters
-from touchline.geometry import FloatArray
+from touchline.geometry import ByteArray, FloatArray
 
 
 def paint_area_m2(field: FieldModel, pixels_per_metre: float) -> float:
@@ -20,13 +20,14 @@ def paint_area_m2(field: FieldModel, pixels_per_metre: float) -> float:
     return float(np.sum((red - CARPET[2]) / (PAINT[2] - CARPET[2])) / pixels_per_metre**2)
 
 
-def color_at(field: FieldModel, point: tuple[float, float], pixels_per_metre: float = 100.0) -> tuple[int, ...]:
-    picture = draw_field(field, pixels_per_metre)
-    u, v = np.round(field_view(field, pixels_per_metre).picture_from_field([point])[0]).astype(int)
+def color_at(picture: ByteArray, field: FieldModel, point: tuple[float, float]) -> tuple[int, ...]:
+    u, v = np.round(field_view(field, 100.0).picture_from_field([point])[0]).astype(int)
     return tuple(int(channel) for channel in picture[v, u])
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if "9x6" not in n else ()) for n in preset_names()]
+)
 def test_pixels_are_white_exactly_where_paint_lies(name: str) -> None:
     field = open_field(name)
     bare = FieldModel(
@@ -69,14 +70,15 @@ def test_x_goes_right_and_y_goes_up() -> None:
 
 def test_goals_poles_and_marks_are_drawn_in_their_colours() -> None:
     field = open_field("indoor-9x6")
-    assert color_at(field, (4.475, 1.3)) == COLORS["blue"]
-    assert color_at(field, (-4.475, -1.3)) == COLORS["yellow"]
-    assert color_at(field, (4.8, 0.0)) == NET
-    assert color_at(field, (0.0, 3.3)) == COLORS["yellow"]
-    assert color_at(field, (0.05, -3.3)) == COLORS["yellow"]
-    assert color_at(field, (0.085, -3.3)) == COLORS["blue"]
-    assert color_at(field, (3.2, 0.0)) == PAINT
-    assert color_at(field, (3.3, 0.0)) == CARPET
+    picture = draw_field(field, 100.0)
+    assert color_at(picture, field, (4.475, 1.3)) == COLORS["blue"]
+    assert color_at(picture, field, (-4.475, -1.3)) == COLORS["yellow"]
+    assert color_at(picture, field, (4.8, 0.0)) == NET
+    assert color_at(picture, field, (0.0, 3.3)) == COLORS["yellow"]
+    assert color_at(picture, field, (0.05, -3.3)) == COLORS["yellow"]
+    assert color_at(picture, field, (0.085, -3.3)) == COLORS["blue"]
+    assert color_at(picture, field, (3.2, 0.0)) == PAINT
+    assert color_at(picture, field, (3.3, 0.0)) == CARPET
 
 
 def test_strips_of_a_large_picture_join_without_a_seam() -> None:

@@ -36,7 +36,6 @@ from touchline.perception.line_graph.profiles import (
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
 from touchline.types import Frame, Lines, Observation
-from touchline_lab.experiments.schulz_features import LANDMARKS, VARIANTS, measure
 
 ROWS, COLUMNS = 40, 60
 SWITCHES = [
@@ -279,23 +278,6 @@ def test_profiles_of_near_lines_whose_samples_are_pixels_apart_are_right_to_a_mi
     assert found[3] == pytest.approx(wide_px, rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])
-def test_features_of_recordings_are_true(small_data: Path, name: str) -> None:
-    scores = measure(open_source(small_data / name))
-    assert scores.tallies["all crossings"].precision >= 0.95
-    assert scores.tallies["all crossings"].recall >= 0.7
-    assert scores.tallies["lines"].precision > 0.7
-    assert scores.tallies["lines"].recall > 0.7
-    assert np.median(np.abs(scores.boundary_px)) < 10.0
-    assert all(tally.found - tally.right <= 1 for tally in (scores.tallies[name] for name in LANDMARKS.values()))
-
-
-def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
-    scores = measure(open_source(small_data / "humanoid_hsl_pan"), VARIANTS["paper"])
-    assert scores.tallies["all crossings"].precision > 0.85
-    assert scores.tallies["all crossings"].recall > 0.8
-
-
 @pytest.mark.parametrize("name", SWITCHES)
 def test_each_switch_to_the_paper_does_something(small_data: Path, name: str) -> None:
     recording = open_source(small_data / "humanoid_hsl_pan")
@@ -323,20 +305,6 @@ def _differ(one: Observation, two: Observation) -> bool:
     )
 
 
-def test_pictures_of_the_steps(small_data: Path) -> None:
-    recording = open_source(small_data / "humanoid_9x6_walk")
-    detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
-    frame = next(iter(recording))
-    assert frame.image is not None
-    pictures = detector.stages(frame.image)
-    assert next(iter(pictures)) == "colour classes"
-    assert list(pictures)[-2:] == ["key nodes", "lines and crossings"]
-    assert {picture.shape[1:] for picture in pictures.values()} == {(1504, 3)}
-    assert {picture.shape[0] >= 960 for picture in pictures.values()} == {True}, "a legend below"
-    detector.reset()
-    assert detector.classes is None
-
-
 def test_an_image_without_carpet_says_so(small_data: Path) -> None:
     recording = open_source(small_data / "humanoid_9x6_walk")
     detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
@@ -344,17 +312,6 @@ def test_an_image_without_carpet_says_so(small_data: Path) -> None:
     seen = detector.observe(Frame(0, image=grey))
     assert seen.problem is not None
     assert len(seen.lines) == 0
-
-
-def test_poles_stand_where_they_are(small_data: Path) -> None:
-    recording = open_source(small_data / "humanoid_9x6_walk")
-    assert recording.truth is not None
-    detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
-    for index, frame in enumerate(recording):
-        seen = detector.observe(frame).landmarks
-        for kind, place in zip(seen.kinds, recording.truth[index].transform(seen.positions_m), strict=True):
-            if kind == "pole":
-                assert min(np.hypot(p.x - place[0], p.y - place[1]) for p in recording.field.poles) < 0.7
 
 
 def test_a_mirror_is_refused(small_data: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,8 +13,7 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.colour import Carpet, _most_frequent_green, colour_model
 from touchline.perception.colour_ellipses import FIXED, learned_ellipse, learned_names, tinted_chroma
-from touchline.perception.colour_file import save_colours
-from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings, structure
+from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.perception.line_graph.colour_classes import (
     BLUE,
     CELL_PX,
@@ -38,12 +36,9 @@ from touchline.perception.line_graph.colour_classes import (
 from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.contrast import contrasts, learn_contrast, white_blocks
 from touchline.perception.line_graph.field_lines import FoundLines, _without_faint
-from touchline.perception.line_graph.image_plane import image_plane
 from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank_cells
 from touchline.perception.self_learning import FADED_FRAMES
-from touchline.sources import open_source
 from touchline.types import ImageArray
-from touchline_lab.experiments.clutter import distances_to_segment
 
 CARPET, WORN, WALL = (45, 90, 75), (105, 130, 125), (240, 240, 240)
 SIDES = np.full((120, 2), 6)
@@ -103,7 +98,7 @@ def shaded_scene() -> tuple[LineGraphDetector, ImageArray, np.ndarray, np.ndarra
     v, u = np.mgrid[:480, :640]
     ground = GroundView(camera).ground_from_image(np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
     places = Pose(1.5, 0.3, 0.1).transform(np.nan_to_num(ground, nan=1e6))
-    paint = np.min([distances_to_segment(places, each) for each in field.segments], axis=0) < 0.5 * field.line_width
+    paint = field.line_distances(places) < 0.5 * field.line_width
     paint, shade = paint.reshape(u.shape), u < 260 + 0.3 * (v - 240)
     image = np.where(paint[..., np.newaxis], (217.0, 202.0, 200.0), (150.0, 168.0, 150.0))
     turf = cv2.GaussianBlur(rng.normal(0.0, 1.0, u.shape), (0, 0), 1.0)
@@ -153,16 +148,6 @@ def test_a_shadow_on_textured_carpet_is_no_floor() -> None:
 
 def test_where_colours_tell_paint_the_carpet_beside_it_is_not_asked() -> None:
     assert learn_classes([worn_field()], everywhere(), everywhere(), False, SIDES).least_contrast == 0.0
-
-
-@pytest.mark.parametrize("amplitude", [0.03, 0.06])
-def test_bare_turf_teaches_no_paint(amplitude: float) -> None:
-    rng, ground = np.random.default_rng(5), np.ones((480, 752), dtype=np.bool_)
-    turf = cv2.GaussianBlur(rng.normal(0.0, 1.0, ground.shape), (0, 0), 1.0)
-    image = np.multiply.outer(np.exp(amplitude * turf / turf.std()), (50.0, 110.0, 70.0))
-    image += rng.normal(0.0, 4.0, image.shape)
-    seen = [np.clip(image, 0, 255).astype(np.uint8)]
-    assert learn_classes(seen, ground, ground, False, np.full((240, 2), 6)).least_contrast == 0.0
 
 
 def test_carpet_without_any_texture_teaches_paint_where_lines_are_drawn_on_it() -> None:
@@ -219,24 +204,6 @@ def test_colours_are_learned_again_when_the_green_fades() -> None:
     np.testing.assert_allclose(memory.classes.model.green, (30, 60, 50), atol=3.0)
 
 
-def test_the_tint_of_the_light_is_followed_and_forgotten() -> None:
-    memory, usual = ColourMemory(None, 1, yuv=False), worn_field()
-    memory.learn(usual, lambda: (everywhere(), everywhere(), SIDES))
-    learned = memory.classes
-    assert learned is not None
-    counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
-    counts[GREEN] = FULL
-    memory.watch(counts, np.ones((30, 40), dtype=np.bool_), np.full(40, 20.0))
-    memory.follow(usual)
-    assert memory.classes is learned
-    memory.follow(np.clip(0.4 * usual * (1.25, 1.0, 0.8), 0, 255).astype(np.uint8))
-    blue, green, red = memory.classes.model.green / learned.model.green
-    assert blue / green == pytest.approx(1.25, abs=0.05)
-    assert red / green == pytest.approx(0.8, abs=0.05)
-    memory.follow(usual)
-    np.testing.assert_allclose(memory.classes.model.green, learned.model.green, rtol=0.02)
-
-
 def test_a_carpet_without_blue_and_red_is_followed() -> None:
     """A simulator's pure green: where a channel shows nothing its tint is as strong as any is taken to be."""
     memory, usual = ColourMemory(None, 1, yuv=False), worn_field((0, 150, 0))
@@ -247,21 +214,6 @@ def test_a_carpet_without_blue_and_red_is_followed() -> None:
     memory.follow(usual)
     assert memory.classes is not None
     assert np.isfinite(memory.classes.model.green).all()
-
-
-def test_a_colour_file_is_kept(small_data: Path, tmp_path: Path) -> None:
-    recording = open_source(small_data / "humanoid_9x6_walk")
-    frame = next(iter(recording))
-    learned = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
-    lines = learned.observe(frame).lines
-    assert learned.classes is not None
-    save_colours(learned.classes.model, tmp_path / "colours.npz")
-    settings = LineGraphSettings(colour_file=str(tmp_path / "colours.npz"))
-    kept = LineGraphDetector(recording.camera, settings, recording.field)
-    assert not kept.learns_colours
-    np.testing.assert_allclose(kept.observe(frame).lines.ends_m, lines.ends_m, atol=0.05)
-    kept.reset()
-    assert kept.classes is not None
 
 
 def test_cells_count_as_numpy_does() -> None:
@@ -318,37 +270,6 @@ def test_orange_beside_white_is_a_fringe_a_ball_is_none() -> None:
     assert counts[ORANGE, 2, 2] == 0
     assert counts[ORANGE, 2, 5] == 10
     assert counts[ORANGE, 4, 2] == 50
-
-
-@pytest.mark.parametrize("suppressed", [True, False])
-def test_fringes_of_an_image_are_left_out(monkeypatch: pytest.MonkeyPatch, suppressed: bool) -> None:
-    image = worn_field()
-    image[80:, 100:107] = WALL
-    image[80:, 107:109] = image[150:180, 200:230] = (30, 120, 235)  # beside the line, and a ball
-    pose = Pose3.from_roll_pitch_yaw(0.0, 0.4, 0.0, (0.0, 0.0, 1.0))
-    camera = PinholeCamera(320, 240, 160.0, 160.0, 159.5, 119.5, np.zeros(5), pose)
-    detector = LineGraphDetector(camera, LineGraphSettings(), open_field("indoor-9x6"))
-    detector.detect(image, GroundView(camera))
-    assert detector.classes is not None
-    if not suppressed:
-        monkeypatch.setattr(structure, "suppress_fringes", lambda counts: None)
-    plane = image_plane(detector.lens, GroundView(camera))
-    orange = detector._structure(image, detector.classes, plane).counts[ORANGE]
-    assert (orange[12:, 13].sum() == 0) == suppressed
-    assert orange[18:23, 25:29].sum() == 30 * 30
-
-
-def test_corners_that_the_lens_does_not_show_right_hold_no_colours() -> None:
-    pose = Pose3.from_roll_pitch_yaw(0.0, 0.4, 0.0, (0.0, 0.0, 1.0))
-    bent = np.array([-0.45, 0.0, 0.0, 0.0, 0.0])  # turns back before the corners
-    camera = PinholeCamera(320, 240, 160.0, 160.0, 159.5, 119.5, bent, pose)
-    detector = LineGraphDetector(camera, LineGraphSettings(), open_field("indoor-9x6"))
-    assert not detector._usable[0, 0]
-    assert detector._usable[15, 20]
-    detector.detect(worn_field(), GroundView(camera))
-    plane = image_plane(detector.lens, GroundView(camera))
-    assert detector.classes is not None
-    assert not detector._structure(worn_field(), detector.classes, plane).counts[:, ~detector._usable].any()
 
 
 def test_carpet_that_the_sun_washes_out_is_green_and_lines_on_it_are_white() -> None:

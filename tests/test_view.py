@@ -57,13 +57,6 @@ def test_projected_lines_lie_on_the_field_lines(camera: OmniCamera, field: Field
     assert np.max(field.line_distances(on_field)) < 1e-3
 
 
-def test_projected_lines_stay_between_the_radii(camera: OmniCamera, field: FieldModel) -> None:
-    pixels = np.concatenate(projected_lines(GroundView(camera), field, Pose(0.0, 0.0, 0.0)))
-    radius = np.hypot(*(pixels - camera.center).T)
-    assert radius.min() >= camera.inner_radius_px
-    assert radius.max() <= camera.outer_radius_px
-
-
 def test_a_line_through_the_robot_is_broken_there(camera: OmniCamera, field: FieldModel) -> None:
     for piece in projected_lines(
         GroundView(camera), field, Pose(0.0, 3.0, 0.0)
@@ -86,14 +79,6 @@ def test_without_a_pose_only_points_are_drawn(camera: OmniCamera, field: FieldMo
     drawn = overlay_image(carpet(), GroundView(camera), None, None, two_points())
     assert count(drawn, LINE_COLOR) == 0
     assert count(drawn, ON_LINE_COLOR) > 10
-
-
-def test_the_image_is_enlarged_and_not_changed(camera: OmniCamera, field: FieldModel) -> None:
-    image = carpet()
-    drawn = overlay_image(image, GroundView(camera), field, Pose(0.0, 0.0, 0.0), two_points(), scale=3)
-    assert drawn.shape[1] == 288
-    assert drawn.shape[0] > 288  # the legend is below
-    assert count(image, GREEN) == 96 * 96
 
 
 def test_points_of_unknown_pixel_are_passed_over(camera: OmniCamera, field: FieldModel) -> None:
@@ -129,15 +114,6 @@ def test_stage_pictures_are_saved_in_order_with_a_sheet(tmp_path: Path) -> None:
     assert cv2.imread(str(paths[2])).shape == contact_sheet(pictures).shape
 
 
-def test_the_sheet_has_a_tile_for_every_picture() -> None:
-    one = contact_sheet({"a": carpet()})
-    assert contact_sheet({name: carpet() for name in "abcd"}, columns=3).shape == (
-        2 * one.shape[0],
-        3 * one.shape[1],
-        3,
-    )
-
-
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "no").write_text("a file, no folder")
     with pytest.raises(InputError, match="cannot be written"):
@@ -160,16 +136,6 @@ def test_the_true_pose_is_drawn_where_no_system_sees_through_the_camera(shared_d
     white = look.image[..., 0].astype(int) + look.image[..., 2] - look.image[..., 1]
     on_line = white[np.minimum(rows // 2, 479), np.minimum(columns // 2, 751)]
     assert np.median(on_line) > np.percentile(white[200:], 90), "lines are drawn on what is white"
-
-
-def test_the_humanoids_birds_eye_view_shows_what_is_ahead(shared_data: Path) -> None:
-    picture = (
-        look_at_recording(shared_data / "humanoid_9x6_walk", 3, "nubot-mti").stages()["bird's-eye view"].astype(int)
-    )
-    middle = picture.shape[0] // 2
-    green = (picture[..., 1] > picture[..., 2] + 20) & (picture[..., 1] > picture[..., 0] + 20)
-    assert green[middle - 320 : middle - 128, middle - 60 : middle + 60].mean() > 0.7, "2 to 5 m ahead"
-    assert not green[middle:].any(), "nothing behind"
 
 
 def test_the_example_for_rerun_says_what_is_missing(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -14,7 +13,6 @@ from touchline.camera import GroundView, PinholeCamera
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.feature_pictures import CROSSING_PAINT, LINE_PAINT, Canvas, draw_features
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
 from touchline.types import (
     Crossings,
     Estimate,
@@ -132,29 +130,3 @@ def test_a_guess_and_its_twin_are_drawn_pale_and_the_robot_is_not() -> None:
     assert colours(Status.TRACKING, ()) == [False, True, False, False]
     assert colours(Status.TRACKING, (twin,)) == [False, True, True, False]
     assert colours(Status.SEARCHING, (twin,)) == [False, False, True, True]
-
-
-def test_the_default_system_sees_through_every_camera() -> None:
-    assert set(SYSTEMS[DEFAULT_SYSTEM].cameras) == {model for info in SYSTEMS.values() for model in info.cameras}
-
-
-def test_the_report_of_a_leaning_robot(small_data: Path, tmp_path: Path) -> None:
-    recording = touchline.open_source(small_data / "humanoid_9x6_walk")
-    assert recording.truth is not None
-    run = touchline.run(recording, "nimbro-lines", start=recording.truth[0], output=tmp_path / "run")
-    page = run.report.read_text()
-    assert page.count("<strong>The field at") >= 3
-    assert page.count("<strong>Image") == page.count("<strong>The field at")
-
-
-def test_the_reports_field_lines_lie_on_the_paint(small_data: Path, tmp_path: Path) -> None:
-    """They did not while the body's lean was left out: 5° are 40 px."""
-    look = look_at_recording(small_data / "humanoid_9x6_walk", 2)
-    recording = touchline.open_source(small_data / "humanoid_9x6_walk")
-    assert recording.truth is not None
-    from touchline.view.overlay import overlay_image
-
-    picture = overlay_image(look.image, look.view, look.field, Pose(*recording.truth[2]), None)
-    magenta = (picture[:960] == LINE_COLOR).all(axis=2)
-    white = cv2.resize(look.image.min(axis=2), None, fx=2, fy=2)
-    assert np.median(white[magenta]) > np.percentile(white[300:], 90)

@@ -23,9 +23,8 @@ from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
 from touchline.perception.feature_pictures import CROSSING_PAINT, LINE_PAINT
 from touchline.sources import open_source
-from touchline.systems import RobotSetup, open_system
+from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.types import ImageArray, Observation, Prior, empty_points
-from touchline.view.look import system_for
 from touchline.view.overlay import LINE_COLOR, ON_LINE_COLOR, overlay_image
 
 PATH_COLOR = (60, 220, 255)  # BGR
@@ -65,7 +64,7 @@ def localised(recording: Path, index: int) -> Moment:
     """An image of a recording as the system for its camera has localised it, started where the robot stood."""
     source = open_source(recording)
     assert source.truth is not None
-    system = open_system(system_for(source.camera), RobotSetup(source.field, source.camera))
+    system = open_system(DEFAULT_SYSTEM, RobotSetup(source.field, source.camera))
     system.reset(Prior(source.truth[0]))
     path, leaning = [], LeanFilter()
     for number, frame in enumerate(source):

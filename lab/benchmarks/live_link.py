@@ -34,7 +34,7 @@ from touchline.live.heard import Picture, Reading
 from touchline.live.udp import UdpRobot
 from touchline.sources import Recording, open_source
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "omni_msl_track_short"
 _FIRST_NS = 1_000_000_000  # behind the images that were sent until one was answered
 STARTS_S = 60.0  # a process may take to begin, with nothing compiled
 

@@ -1,6 +1,6 @@
 """Robots whose program is killed in play and started again from its state file: where it says it is, and how soon.
 
-    python lab/benchmarks/restarts.py [--runs 24] [--first 7000] [--away 1 2 4 10 30] [--robot humanoid] [--case went-on]
+    python lab/benchmarks/restarts.py [--runs 24] [--first 7000] [--away 1 2 4 10] [--robot humanoid] [--case went-on]
 
 Nothing tells the ends of the field apart but the pose that is told at the start. went-on: the process alone ends, the
 robot walks on, and its odometry, too; unfelt: the same without odometry. reboot: the robot stands meanwhile, its clock

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-HERE = Path(__file__).resolve().parents[1]
+HERE = Path(__file__).resolve().parents[2]
 LEARNING = 20  # first images, left out
 COMMAND = ["-c", "import sys; from touchline.cli import main; sys.exit(main())"]
 AGAIN = """
@@ -89,7 +89,11 @@ def step_times(given: argparse.Namespace) -> dict[str, list[float]]:
 
 def run(checkout: Path, arguments: list[str], folder: Path, cache: Path | None = None) -> tuple[float, str]:
     """Processor time (s) of Python with arguments on a checkout's sources, and what it prints."""
-    environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "OPENBLAS_NUM_THREADS": "1"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(map(str, (checkout / "src", checkout / "lab" / "src"))),
+        "OPENBLAS_NUM_THREADS": "1",
+    }
     environment |= {} if cache is None else {"NUMBA_CACHE_DIR": str(cache)}
     before = os.times()
     done = subprocess.run([sys.executable, *arguments], env=environment, cwd=folder, capture_output=True, text=True)

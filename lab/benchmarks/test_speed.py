@@ -29,7 +29,7 @@ from touchline.types import Prior
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 MIRROR, HUMANOID = ROOT / "examples" / "omni_msl_track_short", ROOT / "tests" / "data" / "humanoid_9x6_walk"
 FIELD, TRUTH, START = open_field("msl-18x12"), Pose(3.2, -1.4, 0.5), Pose(3.35, -1.5, 0.58)
 MATCHER, LEARNED = Matcher(FIELD.distance_map()), 20  # images that compile and teach the colours

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from drives import CONFIDENCE, FEATURES, FOLDER, LEAST_SIGMA_M, PLACE_M, SAMPLE, SENSORS, SIGMA_STEPS
 
-from touchline.camera import Camera, OmniCamera, perspective_mapping
+from touchline.camera import Camera, OmniCamera
 from touchline.geometry import BoolArray, ByteArray, FloatArray, IntArray, Pose, Pose3
 from touchline.types import Evidence, Frame, LinePoints, Observation, Prior
 from touchline_lab.experiments.catalogue import CATALOGUE, CLOUD, MIRROR, walk_of_points
@@ -282,7 +282,7 @@ def about(drive: Drive) -> dict[str, Any]:
 def _mapping(camera: Camera | None) -> dict[str, Any] | None:
     """What camera.yaml says, of a mirror's table only every TABLE_STEPth row and column."""
     if not isinstance(camera, OmniCamera):
-        return None if camera is None else perspective_mapping(camera)
+        return None if camera is None else camera.mapping()
     mapping = omni_mapping(camera)
     for key, values in mapping["range_table"].items():
         table = np.array(values)[..., ::TABLE_STEP]

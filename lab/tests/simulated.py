@@ -7,11 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from touchline.camera import OmniCamera
-from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.sources import Recording
-from touchline.systems import RobotSetup, open_system
-from touchline.types import Status
+from touchline.geometry import Pose
+from touchline_lab.simulation.recording import write_recording
 from touchline_lab.simulation.robot.track import STEP_S, Track
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
@@ -29,17 +26,17 @@ def shortened(name: str, seconds: float | None = None, seed: int | None = None) 
     return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 1.5), ["ideal=true"]))
 
 
-def errors_of(source: Simulation | Recording, camera: OmniCamera) -> FloatArray:
-    """(N, 2) how far nubot-mti is from the truth, distance (m) and heading (rad), in the frames in which it tracks."""
-    system = open_system("nubot-mti", RobotSetup(source.field, camera))
-    assert source.truth is not None
-    errors = []
-    for index, frame in enumerate(source):
-        estimate, truth = system.step(frame), source.truth[index]
-        if estimate.status is Status.TRACKING:
-            turned = abs(wrap_angle(estimate.pose.heading - truth.heading))
-            errors.append((estimate.pose.distance_to(truth), turned))
-    return np.array(errors).reshape(-1, 2)
+class Recordings(dict[str, Path]):
+    """Every scenario at reduced length, written when first asked for: no process writes what its tests do not need."""
+
+    def __init__(self, parent: Path) -> None:
+        super().__init__()
+        self.parent = parent
+
+    def __missing__(self, name: str) -> Path:
+        self[name] = self.parent / name
+        write_recording(shortened(name), self[name])
+        return self[name]
 
 
 def content(folder: Path) -> dict[str, str]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,14 +19,14 @@ from touchline.types import Samples
 from touchline_lab.bench import runs
 from touchline_lab.bench.exchange import Answers, read_answers, read_start, track_of_answers, write_inputs
 from touchline_lab.bench.leaderboard import figure, leaderboard
-from touchline_lab.bench.scoring import costs_m, over_robots, per_hour, score_of
+from touchline_lab.bench.scoring import over_robots, score_of
 from touchline_lab.bench.suite import Entry, Suite, digest, open_suite
 from touchline_lab.experiments.drives import Drive, Track
 
 SUITE = "touchline-bench-1"
 SMALL = """\
 name: small
-judging: [100, 102]
+judging: [100, 101]
 rows:
   - {track: mirror, condition: calm, scenario: straight-tracks, seconds: 2}
   - {track: humanoid, condition: calm, field: hsl-s-9x6, seconds: 2, either_end: true}
@@ -140,12 +137,6 @@ def test_either_end_is_right_but_not_one_and_then_the_other() -> None:
     assert score_of(replace(right, poses=poses), [0.3], either_end=True).wrong == 0
 
 
-def test_an_answer_off_by_a_turn_costs_its_heading() -> None:
-    track = tracks(0.0)
-    turned = replace(track, poses=track.poses + np.array([0.0, 0.0, 0.1]))
-    assert costs_m(turned) == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -171,17 +162,12 @@ def test_intervals_are_bca_s_and_hold_the_mean_as_often_as_they_say() -> None:
     assert over_robots([1.0, math.inf, math.inf]).value == math.inf
 
 
-def test_nothing_seen_in_an_hour_is_less_than_three_with_95_per_cent() -> None:
-    assert per_hour(0, 3600.0).high == pytest.approx(2.996, abs=0.001)
-    assert per_hour(2, 7200.0).value == 1.0
-
-
 def test_a_run_goes_on_where_it_was_cut_off(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "results.jsonl"
     command = ["bench", "suite", str(small), "--system", "touchline", "--output", str(file)]
     assert main(command) == 0
     whole = file.read_text(encoding="utf-8")
-    assert len(whole.splitlines()) == 1 + 4
+    assert len(whole.splitlines()) == 1 + 2
     head, found = runs.read_results(file)
     assert head["suite"] == "small"
     assert all(scored.score.median_m < 0.3 for scored in found)
@@ -190,12 +176,13 @@ def test_a_run_goes_on_where_it_was_cut_off(small: Path, tmp_path: Path, capsys:
     assert file.read_text(encoding="utf-8") == whole
     file.write_text(whole[:-40], encoding="utf-8")
     assert main(command) == 0
-    assert len(runs.read_results(file)[1]) == 4
+    assert len(runs.read_results(file)[1]) == 2
     other = Suite(name="other")
     with pytest.raises(InputError, match="holds results of small, not of other"):
         list(runs.run_suite(other, [], ["touchline"], file, Workers()))
 
 
+@pytest.mark.slow
 def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     inputs, answers = tmp_path / "inputs", tmp_path / "still"
     assert main(["bench", "export", str(small), str(inputs), "--robots", "1"]) == 0
@@ -223,19 +210,6 @@ def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.Captu
     assert main(["bench", "export", str(small), str(inputs), "--robots", "1"]) == 2  # nothing is overwritten
 
 
-def test_the_program_of_the_how_to_is_an_entry(drive: Drive, tmp_path: Path) -> None:
-    write_inputs(drive, tmp_path / "inputs" / "walk", "walk")
-    program = Path(__file__).parents[2] / "examples" / "bench_suite" / "odometry.py"
-    subprocess.run([sys.executable, program, tmp_path / "inputs", tmp_path / "odometry"], check=True)
-    answers = read_answers(tmp_path / "odometry" / "walk.csv")
-    track = track_of_answers(drive.times_s, drive.truth, answers)
-    assert track.tracking.all()
-    told = drive.prior.pose if drive.prior is not None and drive.prior.pose is not None else Pose(*drive.truth[0])
-    np.testing.assert_allclose(track.poses[0], told, atol=1e-3)
-    moved, walked = (np.hypot(*(poses[-1, :2] - poses[0, :2])) for poses in (track.poses, drive.truth))
-    assert moved == pytest.approx(walked, abs=0.1)
-
-
 def test_the_one_figure_is_the_mean_of_rows_and_says_which_are_missing() -> None:
     suite = open_suite(SUITE)
     first, second = [row.name for row in suite.rows if row.track == "mirror"][:2]
@@ -249,14 +223,6 @@ def test_the_one_figure_is_the_mean_of_rows_and_says_which_are_missing() -> None
     rows = leaderboard(suite, table)
     assert [row[0] for row in rows] == ["b", "a"]
     assert rows[0][4] == "n/a"
-
-
-def test_results_are_strict_json(drive: Drive) -> None:
-    lost = score_of(replace(tracks(0.0, tracking=False), poses=np.full((10, 3), np.nan)), [0.0])
-    line = runs.result_line(runs.Scored("e-1", "s", "abc", lost))
-    tree = json.loads(line, parse_constant=lambda word: pytest.fail(word))
-    assert tree["score"]["median_m"] == "inf"
-    assert tree["score"]["nees"] is None
 
 
 def test_starts_are_near_the_truth_and_none_is_told_where_the_row_says_so(drive: Drive) -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +14,8 @@ import pytest
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.systems import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Problem, Samples, Status, points_at
-from touchline_lab.experiments import EXPERIMENTS, catalogue, clutter, faults, faulty_play, injections
+from touchline.types import Estimate, Frame, Hypothesis, Observation, Problem, Samples, Status, points_at
+from touchline_lab.experiments import faults, faulty_play
 from touchline_lab.experiments import schulz_runs as humanoids
 from touchline_lab.experiments.catalogue import (
     CATALOGUE,
@@ -26,24 +24,20 @@ from touchline_lab.experiments.catalogue import (
     MIRROR,
     Kind,
     Laid,
-    laid,
-    pairs,
     walk_of_points,
 )
 from touchline_lab.experiments.drives import (
-    KIDNAPS,
     BoolArray,
     Drive,
     Kidnapped,
     counts,
     driven,
-    followed,
     kidnaps_of,
     longest,
     track_of,
 )
 from touchline_lab.experiments.faults import outcome, rightly_named
-from touchline_lab.experiments.injections import Change, Fault, clock, elsewhere, odometry, similar, stepped
+from touchline_lab.experiments.injections import Change, Fault
 
 FIELD = open_field("indoor-9x6")
 START_S, END_S = 2.0, 4.0
@@ -77,12 +71,6 @@ def drive(poses: FloatArray) -> Drive:
 
 def values(told: Drive, name: str) -> FloatArray:
     return np.concatenate([getattr(frame, name).values for frame in told.frames])
-
-
-def seen_points(told: Drive, index: int) -> LinePoints:
-    seen = told.frames[index].observation
-    assert seen is not None
-    return seen.points
 
 
 CIRCLE = np.array([[math.sin(0.1 * k), 1.0 - math.cos(0.1 * k), 0.1 * k] for k in range(40)])
@@ -158,155 +146,6 @@ def _has(made: Drive, name: str) -> bool:
     return any(getattr(frame, name) is not None for frame in made.frames)
 
 
-def test_wheels_that_spin_or_stick_go_on_from_there_and_the_rest_of_the_way_is_true() -> None:
-    stuck = values(changed(odometry((0.0, 0.0, 0.0)), 1.0, 2.0), "odometry")
-    np.testing.assert_allclose(stuck[:9], CIRCLE[:9], atol=1e-12)
-    np.testing.assert_allclose(np.diff(stuck[8:19], axis=0), 0.0, atol=1e-12)
-    ours, true = (Pose(*rows[30]).inverse().compose(Pose(*rows[39])) for rows in (stuck, CIRCLE))
-    np.testing.assert_allclose(ours, true, atol=1e-9)
-    spun = changed(odometry((1.0, 1.0, 1.0), (2.0, 0.0, 0.0)), 1.0, 2.0)
-    np.testing.assert_allclose(values(spun, "wheels")[-1], [3.9 + 2.0, -3.9 + 2.0], atol=1e-9)
-    np.testing.assert_allclose(values(spun, "odometry")[:, 2], CIRCLE[:, 2], atol=1e-9)
-    longer = values(changed(odometry((1.15, 1.15, 1.15)), 0.0, 9.0), "wheels")
-    np.testing.assert_allclose(longer, 1.15 * values(drive(CIRCLE), "wheels"), atol=1e-9)
-    mirrored = values(changed(odometry((1.0, -1.0, -1.0)), 0.0, 9.0), "odometry")
-    np.testing.assert_allclose(mirrored, CIRCLE * (1.0, -1.0, -1.0), atol=1e-9)
-
-
-def test_samples_that_are_dropped_say_nothing() -> None:
-    gone = [frame.wheels is None for frame in changed(injections.dropped(0.3), 0.0, 9.0).frames]
-    assert 0.1 < np.mean(gone) < 0.5
-    assert all(frame.odometry is None for frame in changed(injections.dropped(1.0), 0.0, 9.0).frames)
-
-
-def test_a_clock_moves_stamps_and_what_they_ask_for_and_not_what_is_seen() -> None:
-    made = drive(CIRCLE)
-    fast = changed(stepped(0.2), 1.0, 2.0)
-    np.testing.assert_allclose(fast.times_s[9:19] - made.times_s[9:19], 0.2, atol=1e-9)
-    np.testing.assert_allclose(fast.truth[9:19], made.truth[11:21], atol=1e-9)
-    assert same(seen_points(fast, 12), seen_points(made, 12))
-    assert fast.frames[12].observation is not None
-    assert fast.frames[12].observation.stamp_ns == fast.frames[12].stamp_ns
-    hour = changed(stepped(-3600.0), 1.0, 2.0)
-    assert np.array_equal(hour.truth, made.truth)
-    late = changed(clock(lambda since_s, rng: rng.uniform(0.0, 0.6, len(since_s)), in_order=True), 1.0, 3.0)
-    assert (np.diff(late.times_s) > 0.0).all()
-
-
-def test_images_repeat_or_come_rarely_and_no_sample_is_lost() -> None:
-    still = changed(injections.repeated, 1.0, 2.0)
-    assert all(same(seen_points(still, k), seen_points(still, 9)) for k in range(9, 19))
-    rare = changed(injections.every(5), 1.0, 3.0)
-    np.testing.assert_array_equal(values(rare, "odometry"), CIRCLE)
-    assert [len(frame.odometry) for frame in rare.frames[8:14] if frame.odometry] == [1, 5, 5, 5, 5, 1]
-
-
-def test_a_compass_shows_what_it_is_told_to() -> None:
-    headings = np.linspace(0.0, 1.0, 40)
-    frames = [
-        replace(frame, compass=Samples(np.array([frame.stamp_ns]), np.array([[heading]])))
-        for frame, heading in zip(drive(CIRCLE).frames, headings, strict=True)
-    ]
-    made = replace(drive(CIRCLE), frames=frames)
-    turned = values(changed(injections.turned_compass, 1.0, 2.0, made), "compass")[:, 0]
-    np.testing.assert_allclose(np.abs(turned - headings)[9:19], math.pi)
-    assert np.array_equal(np.delete(turned, np.s_[9:19]), np.delete(headings, np.s_[9:19]))
-    stuck = values(changed(injections.stuck_compass, 1.0, 2.0, made), "compass")[:, 0]
-    np.testing.assert_allclose(stuck[9:19], headings[9])
-
-
-def test_images_are_mirrored_turned_and_longer() -> None:
-    was = seen_points(drive(CIRCLE), 20).positions_m
-    flipped, longer = changed(similar(flipped=True), 0.0, 9.0), changed(similar(scale=1.1), 0.0, 9.0)
-    np.testing.assert_allclose(seen_points(flipped, 20).positions_m, was * (1.0, -1.0))
-    np.testing.assert_allclose(seen_points(longer, 20).positions_m, 1.1 * was)
-    turned = seen_points(changed(similar(0.5 * math.pi), 0.0, 9.0), 20).positions_m
-    np.testing.assert_allclose(turned, np.column_stack((-was[:, 1], was[:, 0])), atol=1e-12)
-    spinning = seen_points(changed(similar(rate_rad_s=0.5), 1.0, 9.0), 19).positions_m
-    np.testing.assert_allclose(Pose(0.0, 0.0, 0.5).transform(seen_points(drive(CIRCLE), 19).positions_m), spinning)
-    panned = seen_points(changed(injections.head(lambda at_s, start_s: 0.3), 0.0, 9.0), 20).positions_m
-    np.testing.assert_allclose(Pose(0.0, 0.0, -0.3).transform(was), panned)
-
-
-def test_crossings_keep_their_stems_when_they_are_mirrored() -> None:
-    walked = short(FEATURES)
-    flipped = changed(similar(flipped=True), 0.0, 99.0, walked)
-    for frame, other in zip(walked.frames, flipped.frames, strict=True):
-        assert frame.observation is not None
-        assert other.observation is not None
-        one, two = frame.observation.crossings, other.observation.crossings
-        of_t = one.kinds == "T"
-        np.testing.assert_allclose(np.cos(two.orientations_rad[of_t]), np.cos(one.orientations_rad[of_t]))
-        np.testing.assert_allclose(np.sin(two.orientations_rad[of_t]), -np.sin(one.orientations_rad[of_t]), atol=1e-9)
-
-
-def test_clutter_stands_in_the_field_or_goes_with_the_robot() -> None:
-    made = drive(CIRCLE)
-    standing = changed(clutter.shown(clutter.standing(clutter.blob(2.0, 2.0)), besides=False), 1.0, 9.0)
-    riding = changed(clutter.shown(clutter.riding(clutter.ring(2.0)), besides=False), 1.0, 9.0)
-    places = [Pose(*made.truth[k]).transform(seen_points(standing, k).positions_m) for k in (10, 35)]
-    np.testing.assert_allclose(places[0], places[1], atol=0.15)
-    rings = [seen_points(riding, k).positions_m for k in (10, 35)]
-    np.testing.assert_allclose(np.hypot(*rings[0].T), 2.0, atol=0.06)
-    np.testing.assert_allclose(rings[0], rings[1], atol=0.1)
-
-
-@pytest.mark.parametrize("thing", [clutter.all_of(clutter.robots, clutter.nets), clutter.standing(clutter.bars)])
-def test_so_many_of_all_points_are_on_clutter(thing: clutter.Thing) -> None:
-    made = short(MIRROR)
-    told = changed(clutter.shown(thing, ratio=(0.3, 0.3)), 0.0, 99.0, made)
-    before, after = (np.array([len(seen_points(each, k)) for k in range(len(made.frames))]) for each in (made, told))
-    np.testing.assert_allclose((after - before) / after, 0.3, atol=0.01)
-
-
-def test_another_field_lies_beside_this_one() -> None:
-    made = short(MIRROR)
-    told = changed(clutter.shown(clutter.next_field, besides=False), 0.0, 99.0, made)
-    for k in range(len(made.frames)):
-        seen, pose = seen_points(told, k).positions_m, Pose(*made.truth[k])
-        placed = pose.transform(seen)
-        outside = np.maximum(np.abs(placed[:, 0]) - 9.0, np.abs(placed[:, 1]) - 6.0)
-        assert (outside > 2.0).all()
-
-
-def test_a_robot_that_is_carried_feels_nothing_of_it() -> None:
-    poses = np.column_stack((0.1 * np.arange(80.0) - 4.0, np.full(80, 1.0), np.zeros(80)))
-    told = changed(elsewhere(2.0, 3.0), 1.0, 2.0, drive(poses))
-    way = np.diff(told.truth[:, 0])
-    assert way[8] > 1.5
-    np.testing.assert_allclose(np.delete(way, 8), 0.1, atol=1e-9)
-    felt = np.diff(values(told, "odometry")[:, 0])
-    np.testing.assert_allclose(felt, np.where(np.arange(len(way)) == 8, 0.0, 0.1), atol=1e-9)
-    np.testing.assert_allclose(np.diff(told.times_s), 0.1)
-    lifted = changed(elsewhere(2.0, 3.0, lifted=True), 1.0, 2.0, drive(poses))
-    assert [len(seen_points(lifted, k)) for k in (8, 9, 18, 19)] == [2, 0, 0, 2]
-    assert lifted.truth[19, 0] - lifted.truth[18, 0] > 0.9
-
-
-def test_a_fallen_robot_lies_and_says_so() -> None:
-    made = short(FEATURES)
-    lying = injections.both(clutter.false_crossings(1.0), clutter.false_lines(4))
-    down = changed(injections.falls(1, 0.0, lying), 1.0, 8.0, made)
-    on_ground = (made.times_s >= 1.0) & (made.times_s < 1.0 + injections.FALL_S)
-    for frame, is_down in zip(down.frames, on_ground, strict=True):
-        assert frame.tilt is not None
-        assert (np.abs(frame.tilt.values[:, 1]) > math.radians(45.0)).all() == is_down
-    assert differing(made, down, on_ground) == {"observation", "odometry", "tilt"}
-
-
-def test_times_and_lengths_are_drawn_from_the_seed() -> None:
-    passing = next(kind for kind in CATALOGUE if kind.lasts_s == catalogue.PASSING)
-    drawn = [passing.drawn(number, 5) for number in range(40)]
-    assert drawn == [passing.drawn(number, 5) for number in range(40)]
-    lengths = np.array([fault.end_s - fault.start_s for fault in drawn])
-    assert 0.3 <= lengths.min() < 1.0 < 20.0 < lengths.max() <= 60.0
-    always = next(kind for kind in CATALOGUE if kind.name == "mirrored")
-    assert [always.drawn(number, 5).start_s == 0.0 for number in range(4)] == [True, False, True, False]
-    drawn_pairs = pairs(30, MIRROR)
-    assert drawn_pairs == pairs(30, MIRROR)
-    assert all(one.family != other.family and one.family != "clock" for one, other in drawn_pairs)
-
-
 def estimate(pose: Pose, status: Status = Status.TRACKING, *others: Pose) -> Estimate:
     return Estimate(0, pose, np.eye(3), status, hypotheses=tuple(Hypothesis(other, 0.0) for other in others))
 
@@ -337,25 +176,6 @@ def test_a_kidnap_counts_from_the_first_frame_at_the_new_place() -> None:
     assert not counts(old, old.mirrored())
     assert not counts(old, Pose(-1.5, 1.0, 0.3))
     assert counts(old, Pose(-2.0, 1.0, 0.6))
-
-
-@pytest.mark.parametrize(
-    ("system", "seed", "seconds", "late"),
-    [
-        pytest.param("iris-fusion", 119, 12.0, 0, id="far lines, moved by a shaking head"),
-        # the last bits of a sum decide which of its particles are drawn, and whether one of six takes longer
-        pytest.param("iris-fusion", 114, 21.0, 1, id="carried a metre from its twin"),
-        pytest.param("nubot-mti", 112, 26.0, 0, id="rivals of the places before"),
-    ],
-)
-def test_a_robot_as_built_that_is_kidnapped_in_play_is_right_within_ten_images(
-    system: str, seed: int, seconds: float, late: int
-) -> None:
-    made = driven("match", seed, seconds, *KIDNAPS)
-    kidnaps = kidnaps_of(made, followed(system, made, seed))
-    assert len(kidnaps) >= 3
-    assert sum(not kidnap.right for kidnap in kidnaps) <= late
-    assert all(kidnap.wrong <= 2 for kidnap in kidnaps)
 
 
 def judged(told: Sequence[Estimate], kind: str = "odometry missing", start_s: float = 0.35) -> faults.Outcome:
@@ -395,73 +215,6 @@ def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     frozen = tuple(kind for kind in CATALOGUE if kind.title == "mirror: the same image with new stamps")
     assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 4]) is True
     assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 2]) is False
-
-
-def test_the_table_has_a_row_for_each_fault_their_sums_and_pairs(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    names = {"none", "mirrored", "camera covered"}
-    few = tuple(kind for kind in CATALOGUE if kind.robots == MIRROR and kind.name in names)
-    monkeypatch.setattr(faults, "CATALOGUE", few)
-    monkeypatch.setattr(catalogue, "CATALOGUE", few)
-    monkeypatch.setattr(catalogue, "SECONDS", 9.0)
-    monkeypatch.setattr(catalogue, "MORE_S", 1.0)
-    monkeypatch.setattr(faults, "KINDS_OF_ROBOTS", {MIRROR: catalogue.KINDS_OF_ROBOTS[MIRROR]})
-    monkeypatch.setattr(faults, "PAIRS", {MIRROR: 1})
-    monkeypatch.setattr(faults, "FIRST_SEED", 2000)
-    monkeypatch.setattr(faults, "ROBOTS_OF_SEED", 1)
-    monkeypatch.setattr(faults, "FEWER", 1)
-    monkeypatch.setattr(faults, "OTHERS_AT", 0)
-    run = EXPERIMENTS["faults"].run
-    part = run(1, folder=tmp_path, part="covered")
-    assert [row[0] for row in part.rows] == ["mirror: camera covered", "all of mirror", "all"]
-    computed = Counter[str]()
-
-    def counted(case: catalogue.Case, number: int, seed: int) -> Laid:
-        computed[faults.title(case)] += 1
-        return laid(case, number, seed)
-
-    monkeypatch.setattr(faults, "laid", counted)
-    with (tmp_path / "faults.jsonl").open("a", encoding="utf-8") as file:
-        file.write('{"of": ["mirror: none", "mir')  # stopped while it was written
-    result = run(1, folder=tmp_path)
-    assert computed == {"mirror: none": 1, "mirror: mirrored": 1, "mirror: pairs": 1}
-    again = run(1, folder=tmp_path, part="(?!)")
-    assert again.rows == result.rows
-    assert sum(computed.values()) == 3
-    assert {row[0] for row in result.rows} == {
-        *(kind.title for kind in few), "mirror: pairs", "all of mirror", "alarm asked within 0.5 s", "all"
-    }  # fmt: skip
-    assert {len(row) for row in result.rows} == {len(result.columns)}
-    rows = {row[0]: dict(zip(result.columns, row, strict=True)) for row in result.rows}
-    assert rows["mirror: none"]["wrong, tracking (%)"] == "0.00"
-    assert rows["mirror: none"]["nubot-mti: wrong (%)"] == "0.00"
-    assert float(rows["mirror: mirrored"]["nubot-mti: wrong (%)"]) > 0.0
-
-
-@pytest.mark.parametrize("robots", [MIRROR, FEATURES])
-def test_a_robot_that_stands_does_not_move(robots: str) -> None:
-    number = next(k for k, robot in enumerate(catalogue.KINDS_OF_ROBOTS[robots]) if not robot.moves)
-    truth = catalogue.driven_by(robots, number, 0, 1.0).truth
-    assert np.ptp(truth[:, :2], axis=0).max() < 0.1
-
-
-def test_a_laid_case_is_the_drive_without_it_but_for_the_fault() -> None:
-    case = tuple(kind for kind in CATALOGUE if kind.title == "humanoid: none")
-    of = laid(case, 1, 3)
-    assert not differing(of.clean, of.faulty, np.ones(len(of.clean.frames), np.bool_))
-    assert of.faulty.prior is not None
-
-
-def test_faults_in_play_come_one_after_the_other_and_go() -> None:
-    drawn = faulty_play.faults_of(MIRROR, 36_000.0, np.random.default_rng(3))
-    times_s = np.array([(fault.start_s, fault.end_s) for _, fault in drawn])
-    lasts_s = times_s[:, 1] - times_s[:, 0]
-    assert (times_s[1:, 0] > times_s[:-1, 1]).all()
-    assert 1.0 <= lasts_s.min() < 2.0
-    assert 80.0 < lasts_s.max() <= 120.0
-    assert len({kind.name for kind, _ in drawn}) > 40
-    assert not any(kind.family in ("carried", "start") for kind, _ in drawn)
 
 
 def test_play_counts_losses_that_nobody_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

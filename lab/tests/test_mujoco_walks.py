@@ -8,26 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import touchline
-
 BENCHMARK = Path(__file__).parent.parent / "benchmarks" / "mujoco"
-
-
-@pytest.mark.parametrize(("walk", "median_m", "most_m"), [("hall", 0.12, 0.3), ("percepts", 0.06, 0.4)])
-def test_a_walk_by_others_physics_is_followed(
-    walk: str, median_m: float, most_m: float, small_data: Path, tmp_path: Path
-) -> None:
-    recording = touchline.open_source(small_data / "mujoco" / walk)
-    assert recording.truth is not None
-    truth = recording.truth.samples()
-    run = touchline.run(small_data / "mujoco" / walk, output=tmp_path / "run", start=truth.values[0].tolist())
-    errors_m = np.hypot(*(run.estimates.trajectory.values - truth.values)[:, :2].T)
-    assert run.estimates.has_status(touchline.Status.TRACKING)[1:].all()  # of a first image a bound may be too wide
-    assert np.median(errors_m) < median_m
-    assert errors_m.max() < most_m
-    bounds_m = run.estimates.protection_m
-    assert np.isnan(bounds_m).mean() < 0.1
-    assert (errors_m > bounds_m).sum() == 0
 
 
 def test_a_leg_reaches_where_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

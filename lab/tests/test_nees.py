@@ -36,12 +36,3 @@ def test_of_honest_errors_a_third_of_nees_is_one_and_the_ellipse_covers_95_perce
     assert found.error_m == pytest.approx(0.044, abs=0.004)
     assert found.stated_m == pytest.approx(0.0539, abs=0.001)
     assert found.tracked == 0.5
-
-
-def test_every_condition_is_told_for_every_system_and_robots_never_tracked_do_not_count() -> None:
-    robots = [nees.Honesty(1.0, 0.95, 0.01, 0.02, 1.0), nees.Honesty(*4 * (float("nan"),), 0.0)]
-    keys = [(condition.name, system) for condition in nees.CONDITIONS for system in nees.SYSTEMS]
-    result = nees.page(dict.fromkeys(keys, robots))
-    assert len(result.rows) == len(nees.CONDITIONS) * len(nees.SYSTEMS)
-    assert result.rows[0] == ("free", "nubot-mti", "1.00", "95.0", "1.00", "2.00", "50.0")
-    assert result.headline.ours.startswith("1.00-1.00; 95-95 %")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -11,19 +10,12 @@ import pytest
 from simulated import scenario_file
 
 from touchline.geometry import FloatArray
-from touchline_lab.simulation.cameras.head import Head, draw_head
 from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
-from touchline_lab.simulation.observation.observed_lines import NO_BODIES
 from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import Scenario, open_scenario
+from touchline_lab.simulation.scenario import open_scenario
 
 SHORT = open_scenario("straight-tracks", 1, 4.0)
 RINGS_M = np.array([0.7, 1.0, 2.0, 3.5, 7.5])
-
-
-def heads(count: int) -> list[Head]:
-    track = Simulation(SHORT, "points").track
-    return [draw_head(SHORT.camera, track, np.random.default_rng(seed)) for seed in range(count)]
 
 
 def ground() -> FloatArray:
@@ -41,36 +33,6 @@ def read_errors(*changes: str) -> FloatArray:
     return errors.reshape(len(RINGS_M), -1)
 
 
-def test_heads_are_drawn_as_the_settings_say() -> None:
-    drawn = heads(300)
-    tilts = np.degrees([(head.mount.tilt_x, head.mount.tilt_y) for head in drawn])
-    shifts = 1e3 * np.array([(head.mount.shift_x, head.mount.shift_y) for head in drawn])
-    for values, size in ((tilts, 0.3), (shifts, 0.3)):
-        assert values.std(axis=0) == pytest.approx([size, size], rel=0.15)
-        assert np.abs(values.mean(axis=0)).max() < 0.06
-    assert abs(np.corrcoef(tilts.T)[0, 1]) < 0.15
-    assert {head.range_error for head in drawn} == {0.0}
-
-
-def test_a_driving_head_shakes_as_the_settings_say_and_a_standing_one_does_not() -> None:
-    moving = Simulation(open_scenario("straight-tracks", 2, 120.0), "points")
-    swing = np.degrees(moving.head.swing_rad)
-    assert swing.std(axis=0) == pytest.approx([0.1, 0.1], rel=0.1)
-    later = np.corrcoef(swing[:-5, 0], swing[5:, 0])[0, 1]  # 50 ms
-    assert later == pytest.approx(math.exp(-1.0), abs=0.08)
-    standing = Simulation(Scenario(seconds=2.0, disturbances={"shove_every_s": 0}), "points")
-    assert not standing.head.swing_rad.any()
-
-
-def test_the_same_seed_is_the_same_robot_at_both_levels_and_another_seed_another() -> None:
-    one, same = (Simulation(open_scenario("straight-tracks", 5, 1.0), level) for level in ("points", "images"))
-    other = Simulation(open_scenario("straight-tracks", 6, 1.0), "points")
-    assert one.head.mount == same.head.mount != other.head.mount
-    np.testing.assert_array_equal(one.head.swing_rad, same.head.swing_rad)
-    assert one.camera_yaml == same.camera_yaml
-    np.testing.assert_array_equal(one.points(3).positions_m, Simulation(one.scenario, "points").points(3).positions_m)
-
-
 def test_camera_yaml_is_that_of_a_calibration_or_of_the_design() -> None:
     calibrated, design = read_errors(), read_errors("camera.known_from=design")
     assert np.abs(calibrated).max() < 0.012
@@ -79,27 +41,6 @@ def test_camera_yaml_is_that_of_a_calibration_or_of_the_design() -> None:
     error = Simulation(open_scenario("straight-tracks", 3, 1.0, ["camera.mirror.range_spread=0.01"]), "points").head
     assert 1e-3 < abs(error.range_error) < 0.04
     assert ranges[:4].mean() == pytest.approx(error.range_error, abs=0.01)
-
-
-def test_a_swinging_mirror_shows_what_a_tilted_one_does() -> None:
-    """Linear in the swing: to a tenth of its effect, at both levels alike; beside the kinks of the mirror's shape."""
-    simulation = Simulation(SHORT, "points")
-    camera = simulation.camera_model
-    assert isinstance(camera, SimulatedOmniCamera)
-    assert camera.mirror is not None
-    profile, mount = camera.mirror
-    swing = np.array([0.0015, -0.001])
-    turned = dataclasses.replace(mount, tilt_x=mount.tilt_x + swing[0], tilt_y=mount.tilt_y + swing[1])
-    tilted = SimulatedOmniCamera(camera.design, camera.height_m, mirror=(profile, turned))
-    pixels = camera.project(ground())
-    moved = tilted.project(ground()) - pixels
-    assert camera.shift_by_swing(pixels) @ swing == pytest.approx(moved, abs=0.05)
-    assert np.abs(moved).max() > 0.5
-    bent = camera.bent_rays((float(swing[0]), float(swing[1])))
-    assert bent is not None
-    rows, columns = np.array([[240, 400], [100, 240], [240, 90]]).T
-    exact = (tilted._rays() - camera._rays())[rows, columns]
-    assert bent[rows, columns] == pytest.approx(exact, abs=2e-4)
 
 
 def test_images_come_late_with_the_stamp_of_when_they_were_taken() -> None:
@@ -116,19 +57,6 @@ def test_images_come_late_with_the_stamp_of_when_they_were_taken() -> None:
     assert late.truth[20].distance_to(simulation.truth[20]) > 0.05
 
 
-def test_an_ideal_robot_has_none_of_it() -> None:
-    ideal = Simulation(open_scenario("straight-tracks", 1, 4.0, ["ideal=true"]), "points")
-    assert ideal.head.mount.is_ideal
-    assert not ideal.head.swing_rad.any()
-    np.testing.assert_array_equal(ideal.arrival_stamps, ideal.image_stamps)
-    scenario = ideal.scenario
-    assert (scenario.camera.known_from, scenario.camera.motion_blur, scenario.camera.line_noise_px) == (
-        "design", False, None,
-    )  # fmt: skip
-    assert (scenario.others.robots, scenario.others.moving, scenario.disturbances.shove_every_s) == (3, False, 0.0)
-    assert (scenario.hall.scuffed, scenario.hall.stands, scenario.hall.beside) == (0.0, False, False)
-
-
 def test_what_a_scenario_names_stands_and_the_rest_comes_from_behind(tmp_path: Path) -> None:
     path = scenario_file(tmp_path, "camera: {delay_s: 0.1}\nothers: {robots: 2}\nideally: {others: {balls: 1}}\n")
     built, ideal = open_scenario(path), open_scenario(path, changes=["ideal=true"])
@@ -138,13 +66,3 @@ def test_what_a_scenario_names_stands_and_the_rest_comes_from_behind(tmp_path: P
     humanoid = open_scenario("humanoid-walk")
     assert humanoid == open_scenario("humanoid-walk", changes=["ideal=true"]).model_copy(update={"ideal": False})
     assert open_scenario("calibration-strip").disturbances.shove_every_s == 0.0
-
-
-def test_the_field_beside_gives_points_behind_its_gap_and_none_from_the_far_side() -> None:
-    simulation = Simulation(open_scenario("straight-tracks", 1, 2.0), "points")
-    seen = simulation._observed._seen_beside(simulation.truth[5], NO_BODIES)
-    placed = simulation.truth[5].transform(seen)
-    first = simulation.field.width + 2.0 * simulation.field.border + 2.0 - 0.5 * simulation.field.width
-    assert len(seen) > 5
-    assert placed[:, 1].min() > first - 0.1
-    assert len(simulation._observed._seen_beside(simulation.truth[5]._replace(y=-4.0), NO_BODIES)) == 0

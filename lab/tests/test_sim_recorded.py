@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,18 +10,15 @@ import pytest
 from line_profiles import line_offsets, projected_lines
 
 from touchline.camera import OmniCamera, open_camera
-from touchline.camera.pinhole import PinholeCamera
-from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointDetector
 from touchline.sources import Recording, open_source
 from touchline.types import ImageArray
 from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
 from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
-from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera
 from touchline_lab.simulation.recording import encoded
 from touchline_lab.simulation.world.hall import default_world
-from touchline_lab.simulation.world.world import World, WorldState
+from touchline_lab.simulation.world.world import WorldState
 
 LAMPS = (12.0, 1.7)  # exposure (ms) and gain that suit the hall's lamps
 OMNI = {  # images; those that a recording cut short lacks are left out
@@ -58,6 +54,7 @@ def true_pose(recording: Recording, frame: int) -> Pose:
     return recording.truth[frame]
 
 
+@pytest.mark.slow
 class TestOmnidirectional:
     @pytest.mark.parametrize("name", OMNI)
     def test_lines_and_line_points_lie_where_they_lie_in_the_recording(self, shared_data: Path, name: str) -> None:
@@ -94,33 +91,6 @@ class TestOmnidirectional:
         return [detector.detect(image).pixels for image in images]
 
 
-class TestHumanoid:
-    """How a body leans at an image is known from the IMU, to half a degree or 4 px: not enough.
-
-    So roll and pitch are fitted to the recorded image, two angles to hundreds of places, and the image rendered with
-    them.
-    """
-
-    @pytest.mark.parametrize("frame", [0, 60, 105])
-    def test_lines_lie_where_they_lie_in_the_recording(self, shared_data: Path, frame: int) -> None:
-        folder = shared_data / "humanoid_9x6_walk"
-        recording = open_source(folder)
-        frame %= len(recording)
-        tree = read_yaml_mapping(folder / "camera.yaml")
-        camera = SimulatedPerspectiveCamera(PinholeCamera.from_mapping(tree, folder))
-        pose, image = true_pose(recording, frame), recorded_image(recording, frame)
-        measured = measured_lean(recording, frame)
-        lean = fitted_lean(camera, recording, image, pose, measured)
-        assert np.degrees(np.abs(np.array(lean) - measured)).max() < 1.2, "the IMU's bias and noise"
-        world: World = default_world(recording.field, 3)
-        picture = camera.render(world, WorldState(), pose, lean, 8.0, 2.4, np.random.default_rng(frame))
-        places, normals, half, _ = projected_lines(
-            partial(camera.project, attitude=lean), recording.field, pose, (752, 480)
-        )
-        both = [line_offsets(each, places, normals, half, 6.0) for each in (image, as_file(picture))]
-        agree(*both, least=100)
-
-
 def agree(recorded: FloatArray, rendered: FloatArray, least: int) -> None:
     """Both lie on the projection and on each other, to half a pixel nearly everywhere and a fifth of one mostly."""
     clear = np.isfinite(recorded) & np.isfinite(rendered)
@@ -129,35 +99,3 @@ def agree(recorded: FloatArray, rendered: FloatArray, least: int) -> None:
         assert np.median(np.abs(offset)) < 0.15
         assert np.percentile(np.abs(offset), 95) < 0.5
         assert abs(np.mean(offset)) < 0.1, "a JPEG's chroma of half the resolution moves red by 0.05 px"
-
-
-def measured_lean(recording: Recording, frame: int) -> FloatArray:
-    """(2,) roll, pitch at an image as the IMU tells them, which is 20 ms late."""
-    imu = np.loadtxt(recording.folder / "imu.csv", delimiter=",", skiprows=1)
-    time_s = 1e-9 * float(recording.image_stamps[frame]) + 0.02
-    return np.array([np.interp(time_s, imu[:, 0], imu[:, column]) for column in (1, 2)])
-
-
-def fitted_lean(
-    camera: SimulatedPerspectiveCamera, recording: Recording, image: ImageArray, pose: Pose, start: FloatArray
-) -> tuple[float, float]:
-    """Roll, pitch that put the projected lines on those of an image: Gauss and Newton, far places left out."""
-    lean = start.copy()
-    for reach in (12.0, 12.0, 6.0, 6.0):
-        project = partial(camera.project, attitude=(lean[0], lean[1]))
-        places, normals, half, ground = projected_lines(project, recording.field, pose, (752, 480))
-        offsets = line_offsets(image, places, normals, half, reach)
-        per_rad = [
-            np.sum(
-                (camera.project(ground, tuple(lean + step)) - camera.project(ground, tuple(lean - step))) * normals, 1
-            )
-            for step in 1e-4 * np.eye(2)
-        ]
-        jacobian = np.stack(per_rad, axis=1) / 2e-4
-        used = np.isfinite(offsets)
-        for _ in range(4):
-            step = np.linalg.lstsq(jacobian[used], offsets[used], rcond=None)[0]
-            rest = np.abs(offsets - jacobian @ step)
-            used = rest < max(0.3, 4.0 * float(np.median(rest[used])))
-        lean += step
-    return float(lean[0]), float(lean[1])

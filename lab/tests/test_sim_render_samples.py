@@ -8,49 +8,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from touchline_lab.simulation.cameras.base import field_from_body
 from touchline_lab.simulation.rendering.casting import CAST_ROWS, cast_rays
 from touchline_lab.simulation.rendering.rendering import RayGrid, Renderer, sample_rays
-from touchline_lab.simulation.rendering.scene import Scene
 from touchline_lab.simulation.rendering.solids import (
     BOTTOM,
     COLUMNS,
     CYLINDER,
     KIND,
-    NET,
     RADIUS,
     TOP,
     sort_into_cells,
 )
-from touchline_lab.simulation.rendering.tracing import Ray, net_ratio
-from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import open_scenario
-
-WINDOWS = {"match": (slice(60, 200), slice(140, 340)), "humanoid-walk": (slice(160, 300), slice(280, 480))}
-
-
-@pytest.mark.parametrize(("name", "seed"), [("match", 3), ("match", 8), ("humanoid-walk", 3), ("humanoid-walk", 9)])
-def test_two_by_two_samples_come_near_eight_by_eight(name: str, seed: int) -> None:
-    """Part of an image, without noise: an eighth of the pixels hold an edge, whose four samples are seldom even."""
-    simulation = Simulation(open_scenario(name, seed=seed, seconds=20.0, changes=["ideal=true"]))
-    camera, settings, window = simulation.camera_model, simulation.scenario.camera, WINDOWS[name]
-    grid = dataclasses.replace(camera._grid, rays=camera._grid.rays[window], still=camera._grid.still[window])
-    few, many = Renderer(grid), Renderer(grid, side=8)
-    scene = Scene(simulation.world)
-    for part in (0.1, 0.45, 0.8):
-        time_s = float(simulation.image_times_s[int(part * len(simulation))])
-        scene.update(simulation.state(time_s))
-        pose = field_from_body(simulation.track.pose_at(time_s), simulation.track.attitude_at(time_s))[np.newaxis]
-        pictures = [
-            camera.sensor.develop(renderer.render(scene, pose), settings.exposure_ms, settings.gain, None).astype(int)
-            for renderer in (few, many)
-        ]
-        apart = np.abs(pictures[0] - pictures[1]).max(axis=2)
-        assert pictures[0].max() > 100, "a picture"
-        assert apart.mean() < 0.8, "grey levels"
-        assert np.percentile(apart, 95) <= 4.0
-        assert np.percentile(apart, 99) <= 15.0
-        assert apart.max() <= 45
 
 
 def even_rays() -> npt.NDArray[np.float32]:
@@ -114,20 +82,3 @@ def test_a_body_is_listed_in_every_cell_that_a_ray_to_it_may_lie_in() -> None:
         cast_rays(rays, 0, 200, upright, cast)
         for cell in cast[7].astype(int):
             assert k in cells.items[cells.starts[cell] : cells.starts[cell + 1]]
-
-
-def test_what_a_net_lets_by_is_that_of_its_meshes_over_the_rays_width() -> None:
-    mesh, thread, angle, distance = 0.12, 0.011, 0.004, 2.5
-    net = np.array(
-        [[NET, distance, 0.0, 0.0, 1.0, 1.5, 0.0, 0.0, 1.0, 1.5, 0.0, mesh, thread]]
-    )  # across x, 2.5 m ahead
-    fine = np.linspace(-0.5, 0.5, 401) * distance * angle
-    for turn, height in ((0.0, 0.6), (0.01, 0.63), (0.0231, 0.557), (0.05, 0.61)):
-        ux, uy = np.cos(turn), np.sin(turn)
-        far = distance / ux
-        aside, up = far * uy + fine * far / distance / ux, height + fine * far / distance
-        gaps = [np.mean(np.abs(p - mesh * np.round(p / mesh)) > 0.5 * thread) for p in (aside, up)]
-        ray = Ray(0.0, 0.0, height, ux, uy, 0.0)
-        assert net_ratio(net, 0, ray, angle, 10.0) == pytest.approx(gaps[0] * gaps[1], abs=0.02)
-    assert net_ratio(net, 0, Ray(0.0, 0.0, 0.6, 1.0, 0.0, 0.0), angle, 2.4) == 1.0, "the ray ends before the net"
-    assert net_ratio(net, 0, Ray(0.0, 0.0, 1.2, 1.0, 0.0, 0.0), angle, 10.0) == 1.0, "above the net"

@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import yaml
-from simulated import errors_of, shortened, table
+from simulated import Recordings, shortened, table
 
-from touchline.published.strip.mirror import calibrate_mirror
 from touchline.sources import open_source
-from touchline_lab.simulation.recording import write_recording
-from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import MirrorSettings, open_scenario
-
-CALIBRATIONS = ("calibration-strip", "chessboard", "marked-points", "walk-in-place")
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Every calibration scenario at reduced length, written once."""
-    parent = tmp_path_factory.mktemp("simulated")
-    for name in CALIBRATIONS:
-        write_recording(shortened(name), parent / name)
-    return {name: parent / name for name in CALIBRATIONS}
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
+    return Recordings(tmp_path_factory.mktemp("simulated"))
 
 
 class TestCalibrationInputs:
-    def test_the_strip_lies_at_the_bearing_of_each_image(self, recordings: dict[str, Path]) -> None:
+    @pytest.mark.slow
+    def test_the_strip_lies_at_the_bearing_of_each_image(self, recordings: Recordings) -> None:
         folder = recordings["calibration-strip"]
         recording = open_source(folder)
         simulation = shortened("calibration-strip")
@@ -47,20 +37,7 @@ class TestCalibrationInputs:
             for (u, v), colour in zip(pixels, colours, strict=False):
                 assert (image[v, u].min() > 120) == (colour == "white"), (index, colour)
 
-    def test_the_mirror_askew_costs_centimetres_and_its_calibration_brings_them_back(self, tmp_path: Path) -> None:
-        """A mirror 0.58 mm aside is seen 3.6 cm aside wherever the robot stands; driving tells a part of it."""
-        scenario = open_scenario("calibration-strip")
-        straight = scenario.camera.model_copy(update={"mirror": MirrorSettings(profile="recorded")})
-        ideal = Simulation(scenario.model_copy(update={"camera": straight, "seconds": 9.0}))
-        assert np.mean(errors_of(ideal, ideal.camera)[:, 0]) < 0.004
-        write_recording(Simulation(scenario), tmp_path / "askew")
-        recording = open_source(tmp_path / "askew")
-        askew = np.mean(errors_of(recording, recording.camera)[:, 0])
-        calibrated = np.mean(errors_of(recording, calibrate_mirror(recording).camera)[:, 0])
-        assert 0.008 < askew < 0.02
-        assert calibrated < 0.004
-
-    def test_chessboard_corners_are_where_opencv_finds_them(self, recordings: dict[str, Path]) -> None:
+    def test_chessboard_corners_are_where_opencv_finds_them(self, recordings: Recordings) -> None:
         folder = recordings["chessboard"]
         marks = [row for row in table(folder / "marks.csv") if row["file"] == "images/000000.jpg"]
         assert len(marks) == 35
@@ -73,16 +50,14 @@ class TestCalibrationInputs:
         assert np.median(gaps) < 0.4
         assert gaps.max() < 1.0
 
-    def test_fixed_marks_move_in_the_image_and_their_place_is_not_told(self, recordings: dict[str, Path]) -> None:
+    def test_fixed_marks_move_in_the_image_and_their_place_is_not_told(self, recordings: Recordings) -> None:
         rows = table(recordings["walk-in-place"] / "marks.csv")
         assert {row["name"] for row in rows} == {"near-left", "near-right", "far-left", "far-right"}
         assert {(row["x_m"], row["y_m"]) for row in rows} == {("", "")}
         v = np.array([float(row["v"]) for row in rows if row["name"] == "near-left"])
         assert v.max() - v.min() > 5.0
 
-    def test_marked_points_are_dark_in_the_image_and_regions_have_their_colours(
-        self, recordings: dict[str, Path]
-    ) -> None:
+    def test_marked_points_are_dark_in_the_image_and_regions_have_their_colours(self, recordings: Recordings) -> None:
         folder = recordings["marked-points"]
         image = open_source(folder).image(0)
         assert image is not None

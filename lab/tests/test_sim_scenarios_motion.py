@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 import itertools
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from simulated import scenario_file, shortened
 
-from touchline.errors import InputError
-from touchline.geometry import Pose, wrap_angle
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
 
 
 class TestMotions:
-    def test_tracks_run_straight_along_the_field(self) -> None:
-        track = Simulation(open_scenario("straight-tracks", seconds=11.0, changes=["ideal=true"]), "points").track
-        x, y = track.poses[:, 0], track.poses[:, 1]
-        np.testing.assert_allclose(y, 5.0, atol=1e-9)
-        assert x[0] == pytest.approx(-8.0)
-        assert x[-1] > 6.0
-        assert np.abs(np.diff(x)).max() <= 1.5 * 0.01 + 1e-12
-
-    def test_the_tour_stands_two_seconds_at_each_of_twenty_points(self) -> None:
-        track = Simulation(open_scenario("tour-20", changes=["ideal=true"]), "points").track
-        still = (np.diff(track.poses, axis=0) == 0.0).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(int)))
-        stands = (edges[1::2] - edges[::2]) * 0.01
-        assert len(stands[stands > 1.0]) >= 20
-        assert np.median(stands[stands > 1.0]) == pytest.approx(2.0, abs=0.05)
-
     def test_a_kidnap_lies_half_an_image_before_the_first_new_image(self) -> None:
         simulation = Simulation(open_scenario("kidnap", seconds=4.5, changes=["ideal=true"]), "points")
         assert [(event["t"], event["kind"]) for event in simulation.events] == [
@@ -44,41 +25,6 @@ class TestMotions:
         assert moves[19] > 0.5
         assert max(moves[:19]) < 0.15
         assert all(len(simulation.points(index)) == 0 for index in (17, 18, 19))
-
-    def test_shoves_in_a_match_are_short_and_as_long_as_the_settings_say(self) -> None:
-        simulation = Simulation(open_scenario("match", seconds=300.0, changes=["ideal=true"]), "points")
-        shoved = simulation.track.shoved
-        assert len(simulation.events) > 20
-        for event in simulation.events:
-            row = round(float(event["t"]) * 100)
-            assert 0.1 <= np.hypot(*shoved[row : row + 15, :2].sum(axis=0)) <= 0.3
-        assert np.count_nonzero(shoved.any(axis=1)) == 15 * len(simulation.events)
-
-    def test_opponents_move_stay_clear_and_often_come_near(self) -> None:
-        simulation = Simulation(open_scenario("match", seconds=60.0, changes=["ideal=true"]), "points")
-        own = simulation.track.poses[::5, :2]
-        gaps = np.hypot(*(simulation.others.robots[:, :, :2] - own[:, np.newaxis]).transpose(2, 0, 1))
-        assert gaps.shape[1] == 8
-        assert gaps.min() > 0.5
-        assert np.mean(gaps.min(axis=1) < 1.5) > 0.3
-        assert np.median(np.abs(np.diff(simulation.others.robots[:, 1, 0]))) > 0.001
-
-    def test_a_walker_sways_with_its_stride_and_looks_where_it_goes(self) -> None:
-        track = Simulation(open_scenario("humanoid-walk", seconds=30.0), "points").track
-        roll = np.degrees(track.attitude[200:2000, 0])
-        assert 1.0 < roll.std() < 3.0
-        power = np.abs(np.fft.rfft(roll - roll.mean()))
-        assert np.fft.rfftfreq(len(roll), 0.01)[np.argmax(power)] == pytest.approx(1.5, abs=0.25)
-        steps = np.diff(track.poses, axis=0)
-        walking = np.hypot(steps[:, 0], steps[:, 1]) > 0.002
-        course = np.arctan2(steps[walking, 1], steps[walking, 0])
-        assert max(abs(wrap_angle(a - b)) for a, b in zip(course, track.poses[1:][walking, 2], strict=True)) < 0.05
-
-    def test_the_roll_of_a_full_stride_has_the_amplitude_that_was_measured(self) -> None:
-        track = Simulation(open_scenario("walk-in-place", seconds=60.0), "points").track
-        roll, pitch = np.degrees(track.attitude[100:-100]).T
-        assert roll.std() == pytest.approx(2.8 / math.sqrt(2.0), rel=0.08)
-        assert pitch.std() == pytest.approx(2.8 * math.hypot(0.68, 0.42) / math.sqrt(2.0), rel=0.12)
 
 
 class TestLive:
@@ -104,10 +50,6 @@ class TestLive:
         assert simulation.grab().mean() > 1.2 * again.mean()
         assert next(frames).stamp_ns == 200_000_000
 
-    def test_impossible_exposures_are_refused(self) -> None:
-        with pytest.raises(InputError, match="exposure 0 ms"):
-            shortened("straight-tracks", 0.5).set(0.0, 1.0)
-
     def test_a_late_image_brings_the_samples_that_came_meanwhile(self, tmp_path: Path) -> None:
         path = scenario_file(tmp_path, "seconds: 1\ncamera: {delay_s: 0.05, delay_spread_s: 0.01}\n")
         simulation = Simulation(open_scenario(path), "points")
@@ -119,9 +61,3 @@ class TestLive:
             seen += len(frame.odometry)
             assert frame.stamp_ns < frame.odometry.stamp_ns[-1] <= arrival
             assert seen == arrival // 20_000_000 + 1
-
-
-def test_the_start_is_the_first_pose() -> None:
-    assert Simulation(open_scenario("calibration-strip"), "points").start == Pose(
-        0.0, 3.2, pytest.approx(math.radians(6))
-    )

@@ -52,6 +52,7 @@ def test_a_search_that_was_interrupted_goes_on_as_if_it_had_not_been(tmp_path: P
         tune(searched(), tmp_path / "cut", 8, Workers())
 
 
+@pytest.mark.slow
 def test_many_processes_give_the_results_in_order() -> None:
     with open_workers(2) as workers:
         assert list(workers.map(abs, range(-5, 5))) == [5, 4, 3, 2, 1, 0, 1, 2, 3, 4]
@@ -59,6 +60,7 @@ def test_many_processes_give_the_results_in_order() -> None:
         pass
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_told_in_words() -> None:
     with pytest.raises(InputError, match="no scheduler answers there"), open_workers(dask="nowhere"):
         pass

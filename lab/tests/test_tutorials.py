@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
-import shutil
-import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from tutorials import DOCS, PAGES, blocks, booster_bag, commands, do
-
-from touchline.cli import main
 
 
 def without_images(page: str) -> list[str]:
@@ -23,6 +16,7 @@ def without_images(page: str) -> list[str]:
     return [f"{line} --level points" if "simulate" in line and "--level" not in line else line for line in found]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_lead_to_a_robot_that_knows_where_it_is(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -38,6 +32,7 @@ def test_the_commands_lead_to_a_robot_that_knows_where_it_is(
     assert (tmp_path / "run" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_the_detector_s_program_runs(capsys: pytest.CaptureFixture[str]) -> None:
     (program,) = blocks("tutorial-own-detector", "python")
     exec(compile(program, "tutorial-own-detector.md", "exec"), {})
@@ -53,6 +48,7 @@ def test_a_source_of_one_s_own_is_localised(capsys: pytest.CaptureFixture[str]) 
     assert "other places" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_booster_robot_s_bag_is_localised(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -61,39 +57,3 @@ def test_a_booster_robot_s_bag_is_localised(
     printed = do(commands("tutorial-booster"), tmp_path, capsys)
     assert "tracking 3" in printed  # thirty and some of 32 images
     assert (tmp_path / "poses.mcap").is_file()
-
-
-def free_ports() -> list[str]:
-    """Two of this machine."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
-    ):
-        for each in (one, two):
-            each.bind(("127.0.0.1", 0))
-        return [str(each.getsockname()[1]) for each in (one, two)]
-
-
-def test_the_commands_of_a_match_day_for_the_robot_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Played to by the page's second terminal; the referee is listened to."""
-    monkeypatch.chdir(tmp_path)
-    text = (DOCS / "tutorial-match.md").read_text(encoding="utf-8")
-    (live,) = re.findall(r"^    touchline (live .*)$", text, re.MULTILINE)
-    (play,) = re.findall(r"`touchline (play .*)`", text)
-    assert main(["simulate", "match-day", "--level", "points", "--seconds", "6", "--output", "match"]) == 0
-    shutil.copy(DOCS.parent / "tests" / "data" / "humanoid_hsl_pan" / "camera.yaml", "camera.yaml")
-    port, answers = free_ports()
-    robot = subprocess.Popen(
-        [sys.executable, "-m", "touchline", *play.split(), "--to", port], stderr=subprocess.DEVNULL
-    )
-    try:
-        assert main([*live.split(), "--seconds", "10", "--listen", port, "--to", answers]) == 0
-    finally:
-        robot.kill()
-        robot.wait()
-    said = capsys.readouterr().out
-    looked_at = re.findall(r"(\d+) of \d+ images looked at", said)
-    assert looked_at
-    assert int(looked_at[0]) >= 1, said

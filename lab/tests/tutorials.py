@@ -8,8 +8,8 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-import booster
 import pytest
+from team_writing import write_bag
 
 from touchline.cli import main
 from touchline_lab.experiments.schulz_runs import AS_BUILT, walk
@@ -47,7 +47,7 @@ def do(lines: Iterable[str], folder: Path, capsys: pytest.CaptureFixture[str]) -
 
 def booster_bag(path: Path, seconds: float) -> None:
     """A walk in the messages of Booster's robots."""
-    booster.write_bag(walk("hsl-s-9x6", AS_BUILT, 3, seconds), path, 3)
+    write_bag(walk("hsl-s-9x6", AS_BUILT, 3, seconds), path, 3)
 
 
 def _names(word: str, folder: Path) -> list[str]:

@@ -1,6 +1,6 @@
 """Systems on walks in RoboCup's MuJoCo soccer server: errors, NEES, wrong while tracking.
 
-    python lab/benchmarks/mujoco/judge.py hall [--walks 10] [--seconds 20] [--systems touchline,nimbro-lines] [--keep DIR]
+    python lab/benchmarks/mujoco/judge.py hall [--walks 10] [--seconds 20] [--systems touchline,nimbro-lines] [--keep D]
     python lab/benchmarks/mujoco/judge.py percepts [--walks 100] [--seconds 60] [--calm]
 
 Each walk is made (walks.py), kept where --keep says so, and localised from its true start; walks that are kept already

@@ -17,7 +17,7 @@ from touchline.field.crossings import Crossing
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.types import CrossingKind, Crossings, LandmarkKind, Landmarks, Lines
 
-MATCHED_M, MATCHED_RAD = 0.25, math.radians(20.0)
+MATCHED_M = 0.25
 _ARM_M = (0.08, 0.12, 0.16, 0.2)  # where the paint of a crossing's arms is looked for
 _SHIFT_PX = 12  # the truth of the camera's lean is only known to a degree
 _LEAN_RAD, _HEIGHT_M = math.radians(0.7), 1.0

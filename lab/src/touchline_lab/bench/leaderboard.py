@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline_lab.bench.scoring import DriveScore, Interval, over_robots, row_figures
+from touchline_lab.bench.scoring import DriveScore, row_figures
 from touchline_lab.bench.suite import TRACKS, Row, Suite
 from touchline_lab.experiments.harness import NONE
+from touchline_lab.statistics import Interval, over_robots
 
 COLUMNS = (
     "condition", "field", "robots", "median (cm)", "95 % (cm)", "≤ 10 cm (%)", "≤ 30 cm (%)", "tracked (%)",

@@ -19,19 +19,8 @@ from touchline.errors import InputError
 from touchline.geometry import BoolArray, FloatArray, Pose
 from touchline.messages import did_you_mean
 from touchline.types import Frame, Prior, Samples
-from touchline_lab.experiments import injections
+from touchline_lab.experiments import clutter, injections
 from touchline_lab.experiments import schulz_runs as humanoids
-from touchline_lab.experiments.clutter import (
-    all_of,
-    bars,
-    false_crossings,
-    false_lines,
-    nets,
-    robots,
-    shown,
-    standing,
-    thinned,
-)
 from touchline_lab.experiments.drives import Drive, drive_of
 from touchline_lab.experiments.injections import Change, Fault, both
 from touchline_lab.simulation.observation.feature_noise import PINHOLE_FEATURES
@@ -44,7 +33,7 @@ TRACKS = MIRROR, HUMANOID
 MORE_S = 30.0  # so much more of a drive is simulated where robots are carried into it
 AREAS = 8  # target areas of a walk
 LOWER_RAD = math.radians(3.0)
-_GARBAGE = both(false_crossings(1.0), false_lines(4))
+_GARBAGE = both(clutter.false_crossings(1.0), clutter.false_lines(4))
 
 
 def _lower(drive: Drive, wrong: BoolArray, rng: injections.Random) -> Drive:
@@ -56,14 +45,14 @@ CHANGES: Mapping[str, Change] = {
     "fall": injections.falls(1, 0.0, _GARBAGE),
     "compass turned": injections.turned_compass,
     "compass stuck": injections.stuck_compass,
-    "left half hidden": thinned(lambda at, rng: at[:, 1] <= 0.0),
-    "one in ten seen": thinned(lambda at, rng: rng.random(len(at)) < 0.1),
+    "left half hidden": clutter.thinned(lambda at, rng: at[:, 1] <= 0.0),
+    "one in ten seen": clutter.thinned(lambda at, rng: rng.random(len(at)) < 0.1),
     "100 ms late": injections.stepped(0.1),
     "camera 3 deg lower": _lower,
-    "robots and nets": shown(all_of(robots, nets), ratio=(0.2, 0.4)),
-    "bars and cables": shown(standing(bars)),
-    "30 % false crossings": false_crossings(0.3),
-    "bars of nets": false_lines(4),
+    "robots and nets": clutter.shown(clutter.all_of(clutter.robots, clutter.nets), ratio=(0.2, 0.4)),
+    "bars and cables": clutter.shown(clutter.standing(clutter.bars)),
+    "30 % false crossings": clutter.false_crossings(0.3),
+    "bars of nets": clutter.false_lines(4),
 }
 """What a row's `faults` name."""
 

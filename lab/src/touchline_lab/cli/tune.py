@@ -56,6 +56,7 @@ def tune(
     """
     from touchline.evaluation.workers import open_workers
     from touchline.systems import system_info
+    from touchline_lab.experiments.harness import check_writable
     from touchline_lab.tuning import Search, Task, dimension_from_text, tasks_on
     from touchline_lab.tuning import tune as search_for
     from touchline_lab.tuning.result import judge, write_results
@@ -73,7 +74,7 @@ def tune(
     others = tasks_on(judged_on or (), seeds, task)
     if {one.on for one in others} & {one.on for one in asked.tasks}:
         raise InputError("--judge: the winner was found on these; it has to be judged on others")
-    _make(output)
+    check_writable(output)
     console = errors_console()
     with announce_compiling(console.print), open_workers(workers, dask) as hands, _Progress(trials) as progress:
         tried = search_for(asked, output / JOURNAL, trials, hands, progress.take)
@@ -82,13 +83,6 @@ def tune(
     _tell(asked, tried, judged, bool(others))
     for path in write_results(output, asked, tried, judged):
         console.print(f"written: {path}")
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another --output") from None
 
 
 class _Progress:

@@ -18,28 +18,21 @@ from matplotlib.figure import Figure
 from touchline.evaluation.protection import ALERT_LIMIT_M
 from touchline.geometry import BoolArray, FloatArray
 from touchline.types import Estimate, ProblemCode
-from touchline_lab.experiments.catalogue import (
-    CATALOGUE,
-    CLOUD,
-    FEATURES,
-    KINDS_OF_ROBOTS,
-    MIRROR,
-    ROBOTS,
-    Case,
-    Laid,
-    laid,
-    pairs,
-)
+from touchline_lab.experiments import catalogue
 from touchline_lab.experiments.drives import Drive, estimates_of, longest, track_of
 from touchline_lab.experiments.harness import NONE, ExperimentResult, Headline, Row, resumed, seed_range
 from touchline_lab.experiments.scenes import new_figure
 from touchline_lab.stanford import draw_stanford
 
 OWN = "touchline"
-OTHERS = {MIRROR: ("nubot-mti", "nubot-mcl", "iris-fusion"), FEATURES: ("nimbro-lines",), CLOUD: ()}
+OTHERS = {
+    catalogue.MIRROR: ("nubot-mti", "nubot-mcl", "iris-fusion"),
+    catalogue.FEATURES: ("nimbro-lines",),
+    catalogue.CLOUD: (),
+}
 ROBOTS_OF_SEED, FIRST_SEED = 2, 6000  # robots of which no threshold is: those have the seeds from 1000 on
 FEWER, OTHERS_AT = 5, 1  # one robot in so many for the other systems, and for each pair; where the others begin
-PAIRS = {MIRROR: 70, FEATURES: 30}
+PAIRS = {catalogue.MIRROR: 70, catalogue.FEATURES: 30}
 WRONG_M, WRONG_RAD = 0.5, math.radians(15.0)
 BEFORE_FRAMES = 30
 _ODOMETRY = {code for code in vars(ProblemCode).values() if str(code).startswith("odometry-")}
@@ -151,7 +144,7 @@ class Outcome(NamedTuple):
         return cls(**{**tree, "score": Score.of_tree(tree["score"]), "tracked": tuple(tree["tracked"])})
 
 
-def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) -> Outcome:
+def outcome(case: catalogue.Case, of: catalogue.Laid, estimates: Sequence[Estimate], moves: bool) -> Outcome:
     """What a system's estimates of a drive are worth."""
     found, count = frames_of(of.faulty, estimates), len(estimates)
     times_s = of.clean.times_s if count == len(of.clean.frames) else of.faulty.times_s
@@ -173,7 +166,7 @@ def outcome(case: Case, of: Laid, estimates: Sequence[Estimate], moves: bool) ->
     )
 
 
-def rightly_named(case: Case, codes: Sequence[str]) -> bool | None:
+def rightly_named(case: catalogue.Case, codes: Sequence[str]) -> bool | None:
     """Whether that is at fault which is named most often; None where nothing is named. codes: of all problems."""
     named = Counter(code for code in codes if any(code in each for each in CODES.values()))
     if not named:
@@ -185,22 +178,29 @@ def rightly_named(case: Case, codes: Sequence[str]) -> bool | None:
 Found = Mapping[tuple[str, str], Sequence[Outcome]]  # by case and system
 
 
-def title(case: Case) -> str:
+def title(case: catalogue.Case) -> str:
     """Of a case: its fault, or for a pair that it is one."""
     return case[0].title if len(case) == 1 else f"{case[0].robots}: pairs"
 
 
-def cases(robots: str) -> list[Case]:
+def cases(robots: str) -> list[catalogue.Case]:
     """All single faults of a kind of robots, and its pairs."""
-    return [*((kind,) for kind in CATALOGUE if kind.robots == robots), *pairs(PAIRS.get(robots, 0), robots)]
+    return [
+        *((kind,) for kind in catalogue.CATALOGUE if kind.robots == robots),
+        *catalogue.pairs(PAIRS.get(robots, 0), robots),
+    ]
 
 
 def _of_case(task: tuple[str, str, int, int]) -> list[tuple[str, str, dict[str, Any]]]:
     """A case on one robot: title, system and outcome of each system that it has."""
     name, robots, index, number = task
-    case, seed, moves = cases(robots)[index], FIRST_SEED + number, KINDS_OF_ROBOTS[robots][number % ROBOTS].moves
+    case, seed, moves = (
+        cases(robots)[index],
+        FIRST_SEED + number,
+        catalogue.KINDS_OF_ROBOTS[robots][number % catalogue.ROBOTS].moves,
+    )
     others = OTHERS[robots] if number % FEWER == OTHERS_AT and len(case) == 1 else ()
-    of = laid(case, number, seed)
+    of = catalogue.laid(case, number, seed)
     found = [(system, estimates_of(system, of.faulty, seed)) for system in (OWN, *others)]
     return [(name, system, outcome(case, of, estimates, moves).tree()) for system, estimates in found]
 
@@ -209,7 +209,7 @@ def tasks(seeds: int) -> list[tuple[str, str, int, int]]:
     """Every case on so many robots of its kind, robot by robot; of the pairs each on one in `FEWER`."""
     found = []
     for number in seed_range(seeds, ROBOTS_OF_SEED):
-        for robots in KINDS_OF_ROBOTS:
+        for robots in catalogue.KINDS_OF_ROBOTS:
             for index, case in enumerate(cases(robots)):
                 if len(case) == 1 or (index + number) % FEWER == 0:
                     found.append((title(case), robots, index, number))
@@ -224,7 +224,7 @@ def faults(seeds: int) -> ExperimentResult:
             found.setdefault((name, system), []).append(Outcome.of_tree(tree))
     own = [one for (name, system), outcomes in found.items() if system == OWN for one in outcomes]
     names = list(dict.fromkeys(name for name, _ in found))
-    sums = {f"all of {robots}": rf"{robots}: .*" for robots in KINDS_OF_ROBOTS}
+    sums = {f"all of {robots}": rf"{robots}: .*" for robots in catalogue.KINDS_OF_ROBOTS}
     sums |= {title: rf"[^:]*: ({names})" for title, names in ALARMS.items()} | {"all": ".*"}
     grouped = {title: [name for name in names if re.fullmatch(which, name)] for title, which in sums.items()}
     return ExperimentResult(
@@ -323,7 +323,7 @@ def _picture(found: Found) -> Figure:
     return bounds_figure({
         camera: [one.score.bounds for (name, system), each in found.items() for one in each
                  if system == OWN and name.startswith(camera) and not name.endswith(": none")]
-        for camera in (MIRROR, FEATURES)
+        for camera in (catalogue.MIRROR, catalogue.FEATURES)
     })  # fmt: skip
 
 

@@ -29,6 +29,7 @@ from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 from touchline.geometry import FloatArray
 from touchline.types import ImageArray
+from touchline_lab.statistics import over_robots
 
 Item = TypeVar("Item")
 Key = TypeVar("Key")
@@ -37,8 +38,6 @@ Listener = Callable[[str], None]
 Row = tuple[str, ...]
 NONE = "–"
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
-
-
 NOTHING = "(?!)"  # a regular expression that matches nothing
 
 
@@ -52,7 +51,6 @@ class Kept(NamedTuple):
 _KEPT: ContextVar[Kept | None] = ContextVar("kept", default=None)
 _FIRST_SEED: ContextVar[int] = ContextVar("first seed", default=0)
 _WORKERS: ContextVar[Workers] = ContextVar("workers", default=Workers())  # noqa: B039  # frozen
-_DRAWS = 2000
 PAGE = "results.md"
 _MAX_BYTES = 10_000_000
 _MAX_KEPT = 500_000_000
@@ -99,7 +97,7 @@ def about() -> dict[str, Any]:
 
 def commit() -> str:
     """Of the source tree that this runs from; empty for an installed package."""
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[4]
     if not (root / ".git").exists():
         return ""
     try:
@@ -283,8 +281,6 @@ def share_text(share: float) -> str:
 
 def interval(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
     """Mean over robots and, in brackets, where it lies with 95 %: by bootstrap, robots drawn anew with replacement."""
-    from touchline_lab.bench.scoring import over_robots
-
     if len(values) < 2:
         return spread(values, decimals)
     mean, low, high = over_robots(values, np.mean)

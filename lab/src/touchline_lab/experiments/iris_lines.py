@@ -14,16 +14,7 @@ from touchline.published.iris_fusion.hsv_lines import HsvLineDetector, HsvLinePa
 from touchline.published.iris_fusion.range_picture import range_picture
 from touchline.published.iris_fusion.range_regression import RangeRegression
 from touchline.types import ImageArray, LinePoints
-from touchline_lab.experiments.harness import (
-    ExperimentResult,
-    Headline,
-    Row,
-    follow,
-    percent,
-    seed_range,
-    spread,
-    together,
-)
+from touchline_lab.experiments import harness
 from touchline_lab.experiments.iris_runs import DIRECTIONS, MARK_NOISE_PX, range_regression
 from touchline_lab.experiments.scenes import BLUE, PAINT, RED, dots, image_figure, new_figure, random_place
 from touchline_lab.simulation.run import Simulation
@@ -59,32 +50,34 @@ class Detection:
     distances_m: FloatArray
 
 
-def iris_lines(seeds: int) -> ExperimentResult:
+def iris_lines(seeds: int) -> harness.ExperimentResult:
     """One place per seed on the 9 x 6 m field, each under the three lightings."""
     field = open_field(FIELD)
-    places = [_one_place(field, seed) for seed in follow(seed_range(seeds), "places")]
-    found = together(by_case for _, by_case in places)
-    ideal = together(_one_place(field, seed, ideal=True)[1] for seed in follow(seed_range(seeds), "ideal robots"))
+    places = [_one_place(field, seed) for seed in harness.follow(harness.seed_range(seeds), "places")]
+    found = harness.together(by_case for _, by_case in places)
+    ideal = harness.together(
+        _one_place(field, seed, ideal=True)[1] for seed in harness.follow(harness.seed_range(seeds), "ideal robots")
+    )
     residuals_cm = [100.0 * float(np.sqrt(np.mean(regression.residuals_m**2))) for regression, _ in places]
     medians_cm = 100.0 * np.array(_over_lightings(found, np.median))
     shown = {condition: found[condition, "automatic"][0] for condition in CONDITIONS}
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Figures 13 and 14 of Ismail et al. 2021: line detection and range regression under three lightings",
         COLUMNS,
         [(*case, "shown", *_cells(found[case], ideal[case])) for case in found],
-        Headline(
+        harness.Headline(
             "false points; median distance from the line, three lightings, the same settings",
             "pictures; thresholds set by hand for each",
-            f"{percent(_over_lightings(found, _false_ratio))}; {spread(medians_cm, 1)} cm; "
-            f"ideal {percent(_over_lightings(ideal, _false_ratio))}",
+            f"{harness.percent(_over_lightings(found, _false_ratio))}; {harness.spread(medians_cm, 1)} cm; "
+            f"ideal {harness.percent(_over_lightings(ideal, _false_ratio))}",
         ),
         (
             f"On a line: within {100 * TRUE_M:.0f} cm of one at the true pose; false: farther than {100 * FALSE_M:.0f} "
             "cm from any (penalty marks count as false). Three robots and a ball stand on the field; exposure and gain "
             "stay as they are under condition 1.",
             f"Ranges by a polynomial of degree {places[0][0].degree}, fitted to {len(STRIP_EDGES_M)} distances in "
-            f"{DIRECTIONS} directions, each read to {MARK_NOISE_PX} px: residuals {spread(residuals_cm, 1)} cm (root "
-            f"mean square). Points beyond {STRIP_EDGES_M[-1]:g} m, the last of them, are dropped.",
+            f"{DIRECTIONS} directions, each read to {MARK_NOISE_PX} px: residuals {harness.spread(residuals_cm, 1)} cm "
+            f"(root mean square). Points beyond {STRIP_EDGES_M[-1]:g} m, the last of them, are dropped.",
             "Robots as built; its form here: with the preset `paper`, thresholds set by hand under condition 1, and "
             "every run of white in the hull. The paper found condition 3, the dim one, smoothest, and set its "
             "thresholds by hand for each condition; it tells no figures.",
@@ -134,12 +127,12 @@ def _standing(scenario_name: str, place: Pose, seed: int, ideal: bool) -> Simula
     return Simulation(scenario.model_copy(update=changes))
 
 
-def _cells(detections: Sequence[Detection], ideal: Sequence[Detection]) -> Row:
-    on_line = spread([float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections], 0)
+def _cells(detections: Sequence[Detection], ideal: Sequence[Detection]) -> harness.Row:
+    on_line = harness.spread([float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections], 0)
     far = _quantile_cm(detections, 0.9)
     counts, false, median = zip(
         *(
-            (spread([float(len(each.points)) for each in some], 0), _false(some), _quantile_cm(some, 0.5))
+            (harness.spread([float(len(each.points)) for each in some], 0), _false(some), _quantile_cm(some, 0.5))
             for some in (detections, ideal)
         ),
         strict=True,
@@ -149,12 +142,14 @@ def _cells(detections: Sequence[Detection], ideal: Sequence[Detection]) -> Row:
 
 def _false(detections: Sequence[Detection]) -> str:
     false = [float(np.count_nonzero(each.distances_m > FALSE_M)) for each in detections]
-    return f"{spread(false, 1)} ({100 * _false_ratio(np.concatenate([d.distances_m for d in detections])):.1f} %)"
+    return (
+        f"{harness.spread(false, 1)} ({100 * _false_ratio(np.concatenate([d.distances_m for d in detections])):.1f} %)"
+    )
 
 
 def _quantile_cm(detections: Sequence[Detection], quantile: float) -> str:
     seen = [each.distances_m for each in detections if len(each.points)]
-    return spread([100.0 * float(np.quantile(d, quantile)) for d in seen], 1)
+    return harness.spread([100.0 * float(np.quantile(d, quantile)) for d in seen], 1)
 
 
 def _over_lightings(

@@ -20,19 +20,8 @@ from touchline.perception import LinePointDetector
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.types import Frame, ImageArray
+from touchline_lab.experiments import harness
 from touchline_lab.experiments.drives import Track, drive_of, error_figures, track_of
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    computed,
-    paper_cells,
-    percent,
-    seed_range,
-    spread,
-    together,
-)
 from touchline_lab.experiments.scenes import BLUE, RED, dots, new_figure, way
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import LightSettings, open_scenario
@@ -76,9 +65,7 @@ def _switching() -> tuple[LightSettings.Change, ...]:
 
 
 FIRST = Case(
-    "first: lamps",
-    _light("lighting-1"),
-    ((5.907, 5.967, 0.044), (7.334, 7.117, 0.052), (30.724, 35.595, 0.286)),
+    "first: lamps", _light("lighting-1"), ((5.907, 5.967, 0.044), (7.334, 7.117, 0.052), (30.724, 35.595, 0.286))
 )
 SECOND = Case(
     "second: lamps and sun",
@@ -256,12 +243,14 @@ FORMS = OURS, PAPER_FORM, IDEAL = "ours", "its form", "ideal"
 Runs = Mapping[tuple[str, str, bool], Sequence[Run]]  # by form, case and whether the exposure is controlled
 
 
-def lu2013_lighting(seeds: int) -> ExperimentResult:
+def lu2013_lighting(seeds: int) -> harness.ExperimentResult:
     """Table 2: each case with exposure control, some also with the settings that suited the first case."""
-    robots = [(seed, ideal) for ideal in (False, True) for seed in seed_range(seeds if ideal else min(seeds, BUILT))]
-    measured = list(computed(_of_robot, robots, "robots"))
-    runs, dark = together(driven for driven, _ in measured), [each for _, each in measured if len(each)]
-    return ExperimentResult(
+    robots = [
+        (seed, ideal) for ideal in (False, True) for seed in harness.seed_range(seeds if ideal else min(seeds, BUILT))
+    ]
+    measured = list(harness.computed(_of_robot, robots, "robots"))
+    runs, dark = harness.together(driven for driven, _ in measured), [each for _, each in measured if len(each)]
+    return harness.ExperimentResult(
         "Table 2 of Lu et al. 2013: errors under other light, colours learned in the first case only",
         COLUMNS,
         [row for case, control in JOBS for row in _rows(case, control, runs)],
@@ -315,21 +304,21 @@ _NOTES = (
 )
 
 
-def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
+def _rows(case: Case, control: bool, runs: Runs) -> list[harness.Row]:
     """Mean, standard deviation and maximum, as the paper has them."""
     ours, paper, ideal = (runs.get((form, case.name, control), ()) for form in FORMS)
-    rows: list[Row] = []
+    rows: list[harness.Row] = []
     published = case.paper if control else None
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
-        cells = paper_cells(published and published[k], partial(_figure, key=key), paper, ours)
+        cells = harness.paper_cells(published and published[k], partial(_figure, key=key), paper, ours)
         head, last = ("", ""), ""
-        more: Row = ("",) * 6
+        more: harness.Row = ("",) * 6
         if k == 0:
-            theirs = NONE if published is None else f"{paper_ratio(case):.2f}"
+            theirs = harness.NONE if published is None else f"{paper_ratio(case):.2f}"
             ratios = (
                 _of_the_first(some, runs[form, FIRST.name, True]) for some, form in ((paper, PAPER_FORM), (ours, OURS))
             )
-            points = spread([float(run.track.points.mean()) for run in ours], 0)
+            points = harness.spread([float(run.track.points.mean()) for run in ours], 0)
             head = (case.name, "controlled" if control else "as in the first")
             more, last = (theirs, *ratios, points, _tracked(paper), _tracked(ours)), _tracked(ideal)
         rows.append((*head, title, *cells, *more, _figure(ideal, "position", key), last))
@@ -337,16 +326,16 @@ def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
 
 
 def _figure(runs: Sequence[Run], name: str, key: str) -> str:
-    return spread(*error_figures([run.errors for run in runs], name, key))
+    return harness.spread(*error_figures([run.errors for run in runs], name, key))
 
 
 def _tracked(runs: Sequence[Run]) -> str:
-    return percent([float(run.track.tracking.mean()) for run in runs])
+    return harness.percent([float(run.track.tracking.mean()) for run in runs])
 
 
 def _of_the_first(runs: Sequence[Run], firsts: Sequence[Run]) -> str:
     ratios = [run.mean_xy_m / first.mean_xy_m for run, first in zip(runs, firsts, strict=False)]
-    return spread(ratios) if np.isfinite(ratios).all() else NONE
+    return harness.spread(ratios) if np.isfinite(ratios).all() else harness.NONE
 
 
 def paper_ratio(case: Case) -> float:
@@ -356,7 +345,7 @@ def paper_ratio(case: Case) -> float:
     return math.hypot(*case.paper[0][:2]) / math.hypot(*FIRST.paper[0][:2])
 
 
-def _headline(runs: Runs) -> Headline:
+def _headline(runs: Runs) -> harness.Headline:
     def ratios(form: str) -> str:
         errors_m = [float(np.mean([run.mean_xy_m for run in runs[form, c.name, True]])) for c in (SECOND, THIRD, FIRST)]
         return ", ".join(f"{error_m / errors_m[-1]:.2f}" for error_m in errors_m[:-1])
@@ -365,9 +354,9 @@ def _headline(runs: Runs) -> Headline:
         return float(np.mean([run.track.points.mean() for run in runs[OURS, case.name, control]]))
 
     left = [100.0 * points(case, False) / points(FIRST, True) for case in (SECOND, THIRD)]
-    return Headline(
+    return harness.Headline(
         "mean error of the second and third case over the first's; line points left without control",
-        f"{paper_ratio(SECOND):.2f}, {paper_ratio(THIRD):.2f}; none, {NONE}",
+        f"{paper_ratio(SECOND):.2f}, {paper_ratio(THIRD):.2f}; none, {harness.NONE}",
         f"{ratios(OURS)}; {left[0]:.0f} %, {left[1]:.0f} %; ideal {ratios(IDEAL)}",
     )
 
@@ -381,7 +370,7 @@ def _switched_off(runs: Sequence[Run]) -> str:
             interval = (np.arange(len(run.track.points)) + 1) / RATE_HZ // SWITCH_S
             off = (interval % 2 == 1) & (interval // 2 % len(LEFT_ON) == turn)
             left.append(100.0 * float(run.track.points[off].mean() / run.track.points[interval % 2 == 0].mean()))
-        parts.append(f"{spread(left, 0)} % at {500.0 * level:g} lx")
+        parts.append(f"{harness.spread(left, 0)} % at {500.0 * level:g} lx")
     return f"Third case without control, line points while the lamps are off: {', '.join(parts)}."
 
 
@@ -389,7 +378,9 @@ def _darkness(dark: Sequence[FloatArray]) -> str:
     """How far the first case's settings reach, from each seed's `points_in_the_dark`."""
     parts = []
     for k, level in enumerate(DARKER, start=1):
-        fixed, controlled = (spread([100.0 * float(each[k, c] / each[0, c]) for each in dark], 0) for c in (0, 1))
+        fixed, controlled = (
+            harness.spread([100.0 * float(each[k, c] / each[0, c]) for each in dark], 0) for c in (0, 1)
+        )
         parts.append(f"{500.0 * level:g} lx ({level:g}) {fixed} % and {controlled} %")
     return (
         "Line points at eight places per seed in even light, as a share of those under lamps, without control and with "

@@ -24,6 +24,7 @@ from touchline.published.strip.mirror import MirrorCalibration, calibrate_mirror
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.types import ImageArray
+from touchline_lab.experiments import scenes
 from touchline_lab.experiments.drives import Drive, Track, drive_of, error_figures, followed, track_of
 from touchline_lab.experiments.harness import (
     NONE,
@@ -36,17 +37,6 @@ from touchline_lab.experiments.harness import (
     percent,
     seed_range,
     spread,
-)
-from touchline_lab.experiments.scenes import (
-    CARPET,
-    FIELD,
-    RED,
-    dots,
-    field_axes,
-    image_figure,
-    new_figure,
-    public_recording,
-    way,
 )
 from touchline_lab.simulation.recording import write_recording
 from touchline_lab.simulation.run import Eyes, Simulation
@@ -173,6 +163,7 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
     recorded = _recorded(min(seeds, RECORDED_SEEDS))
     shown = CONDITIONS[:4]
     head = calibrated_head(_taken(CONDITIONS[0], 0, False)[1])
+    strip = mirror_picture(*head, head[0].sightings[0])
     simulation, image = rendered_image()
     black = [(c.name, black_pixels(simulation.camera, c.sectors)) for c in shown[1:]]
     return ExperimentResult(
@@ -185,7 +176,7 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
                  f"ideal {_range_of(runs, IDEAL)}"),
         (_SIMULATED, _STRIP, _ALONE, _RECORDED if recorded else _NOT_FOUND),
         (
-            ("figure2", image_figure([mirror_picture(*head, head[0].sightings[0])], (3 * SIDE_IN, SIDE_IN + 0.2))[0]),
+            ("figure2", scenes.image_figure([strip], (3 * SIDE_IN, SIDE_IN + 0.2))[0]),
             ("figures-4-7", detection_figure(simulation, image, [("free", None), *black])),
             ("figure5", distances_figure()),
             ("tracks", _tracks_figure([runs[c.name, OURS][0] for c in shown], [c.name for c in shown])),
@@ -275,7 +266,7 @@ def _run_of(track: Track, quiet: BoolArray, field: FieldModel, from_s: float = 0
 
 def _recorded(seeds: int) -> list[tuple[Condition, Runs]]:
     """The same conditions over the images of a recording, those of MCL alone once; empty where it isn't found."""
-    recording = public_recording(RECORDING)
+    recording = scenes.public_recording(RECORDING)
     if recording is None:
         return []
     setup = RobotSetup(recording.field, recording.camera)
@@ -339,10 +330,10 @@ def _figures(runs: Sequence[Run], name: str, key: str) -> tuple[list[float], int
 def _tracks_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     """As figure 8: black the way, red the traces of the localization."""
     many = len(runs) > 1
-    figure, axes = new_figure(1 + many, 1 + many, (9.0, 6.6 if many else 6.0), names, field=runs[0].field)
+    figure, axes = scenes.new_figure(1 + many, 1 + many, (9.0, 6.6 if many else 6.0), names, field=runs[0].field)
     for each, run in zip(axes, runs, strict=False):
-        way(each, run.track.truth, "black", 1.8, zorder=2)
-        way(each, run.track.poses[run.track.tracking], RED, 0.8, zorder=3)
+        scenes.way(each, run.track.truth, "black", 1.8, zorder=2)
+        scenes.way(each, run.track.poses[run.track.tracking], scenes.RED, 0.8, zorder=3)
     return figure
 
 
@@ -368,13 +359,13 @@ def calibrated_head(simulation: Simulation) -> tuple[MirrorCalibration, ImageArr
 
 def distances_figure() -> Figure:
     """Figure 5: (a) the brighter, the nearer to a line; (b) the lines that robots are localized by."""
-    field = open_field(FIELD)
+    field = open_field(scenes.FIELD)
     found = field.distance_map()
     distances = found.values[..., 0]
     low = np.array(found.origin_m)
     high = low + found.resolution_m * (np.array(distances.shape[::-1]) - 1)
-    figure, (axes, lines) = new_figure(1, 2, (13.0, 4.4), ("(a)", "(b)"), labels=("x (m)", "y (m)"))
-    field_axes(lines, field)
+    figure, (axes, lines) = scenes.new_figure(1, 2, (13.0, 4.4), ("(a)", "(b)"), labels=("x (m)", "y (m)"))
+    scenes.field_axes(lines, field)
     extent = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     shown = axes.imshow(distances, cmap="gray_r", vmin=0.0, vmax=2.5, origin="lower", extent=extent)
     figure.colorbar(shown, ax=axes, shrink=0.8, label="distance to the nearest line (m)")
@@ -400,17 +391,17 @@ def detection_figure(
     detector.learn([image])
     assert detector.colours is not None
     size_in = (SIDE_IN * (1 + len(hidden)), SIDE_IN + 0.4)
-    figure, axes = image_figure([image] * (1 + len(hidden)), size_in)
+    figure, axes = scenes.image_figure([image] * (1 + len(hidden)), size_in)
     axes[0].set_title("panoramic image", fontsize=10)
     for each, (title, black) in zip(axes[1:], hidden, strict=True):
         seen = image if black is None else np.where(black[..., np.newaxis], np.uint8(0), image)
         classes, points = detector.colours.classify(seen), detector.detect(seen)
         picture = np.full((*classes.shape, 3), OTHER, dtype=np.uint8)
-        picture[classes == GREEN] = tuple(int(CARPET[k : k + 2], 16) for k in (1, 3, 5))
+        picture[classes == GREEN] = tuple(int(scenes.CARPET[k : k + 2], 16) for k in (1, 3, 5))
         picture[classes == WHITE] = WHITE_PAINT
         if black is not None:
             picture[black] = INK
         each.images[0].set_data(picture)
-        dots(each, points.pixels, RED, 4, marker=".")
+        scenes.dots(each, points.pixels, scenes.RED, 4, marker=".")
         each.set_title(f"{title}: {len(points)} points".lstrip(": "), fontsize=10)
     return figure

@@ -14,23 +14,12 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline import palette
-from touchline_lab.bench.scoring import over_robots
-from touchline_lab.experiments import drives, lighting, own_points
+from touchline_lab.experiments import drives, harness, lighting, own_points
 from touchline_lab.experiments.drives import Drive, Kidnapped, Track, drive_of, driven, followed, kidnaps_of, longest
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    computed,
-    gathered,
-    interval,
-    rate,
-    seed_range,
-)
 from touchline_lab.experiments.injections import Fault, stuck_compass, turned_compass, unseen
 from touchline_lab.experiments.own_points import OTHERS, OWN, SYSTEMS, row
 from touchline_lab.experiments.scenes import INK, new_figure, robot_dots
+from touchline_lab.statistics import over_robots
 
 COLUMNS = ("what", "figure", "asked of touchline", *SYSTEMS, "touchline less the best other")
 SECONDS, FROM_S = 60.0, 5.0
@@ -149,16 +138,16 @@ def _errors_at(task: tuple[int, int]) -> dict[tuple[str, str], Errors]:
     return {(condition.name, system): errors_of(followed(system, drive, seed)) for system in SYSTEMS}
 
 
-def own(seeds: int) -> ExperimentResult:
+def own(seeds: int) -> harness.ExperimentResult:
     """Points, drives of robots as built, and the ideal ones beside them."""
-    tasks = [(place, seed) for place in range(len(CONDITIONS)) for seed in seed_range(seeds)]
-    runs, found, play = gathered(_errors_at, tasks, "drives"), own_points.point_runs(seeds), play_rows(seeds)
+    tasks = [(place, seed) for place in range(len(CONDITIONS)) for seed in harness.seed_range(seeds)]
+    runs, found, play = harness.gathered(_errors_at, tasks, "drives"), own_points.point_runs(seeds), play_rows(seeds)
     drives = [each for condition in CONDITIONS for each in _rows(condition, runs)]
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Our own system, touchline, beside the others on the same robots and points",
         COLUMNS,
         [*drives, *_paper_rows(CONDITIONS, runs), *play, *own_points.point_rows(found)],
-        Headline("straight tracks, mean error (cm): " + ", ".join(SYSTEMS), NONE,
+        harness.Headline("straight tracks, mean error (cm): " + ", ".join(SYSTEMS), harness.NONE,
                  "; ".join(drives[0][3:][: len(SYSTEMS)])),
         _NOTES,
         (("drives", _picture(runs)), ("points", own_points.picture(found))),
@@ -186,30 +175,32 @@ def _of(runs: Runs, condition: Condition, figure: str) -> dict[str, list[float]]
     return {system: [getattr(one, figure) for one in runs[condition.name, system]] for system in SYSTEMS}
 
 
-def _rows(condition: Condition, runs: Runs) -> list[Row]:
-    mean, p99 = (NONE, NONE) if condition.asked_cm is None else (f"≤ {bound:g}" for bound in condition.asked_cm)
-    rows: list[Row] = []
+def _rows(condition: Condition, runs: Runs) -> list[harness.Row]:
+    mean, p99 = (
+        (harness.NONE, harness.NONE) if condition.asked_cm is None else (f"≤ {bound:g}" for bound in condition.asked_cm)
+    )
+    rows: list[harness.Row] = []
     for figure, name, asked in (
-        ("mean_cm", "mean (cm)", mean), ("median_cm", "median (cm)", NONE), ("p99_cm", "99 % (cm)", p99),
-        ("heading_deg", "heading (°)", NONE), ("tracked", "tracked (%)", NONE),
+        ("mean_cm", "mean (cm)", mean), ("median_cm", "median (cm)", harness.NONE), ("p99_cm", "99 % (cm)", p99),
+        ("heading_deg", "heading (°)", harness.NONE), ("tracked", "tracked (%)", harness.NONE),
     ):  # fmt: skip
         values = _of(runs, condition, figure)
         best = min(OTHERS, key=lambda system: float(np.nanmean(values[system])))
-        less = interval(np.subtract(values[OWN], values[best])) if figure != "tracked" else NONE
-        cells = {system: interval(each, 1 if figure == "tracked" else 2) for system, each in values.items()}
+        less = harness.interval(np.subtract(values[OWN], values[best])) if figure != "tracked" else harness.NONE
+        cells = {system: harness.interval(each, 1 if figure == "tracked" else 2) for system, each in values.items()}
         rows.append(row("" if rows else condition.title, name, asked, cells, less))
     wrong = {system: str(max(each)) for system, each in _of(runs, condition, "wrong").items()}
     return [*rows, row("", "wrong, called tracking: most frames in a row", "≤ 5", wrong)]
 
 
-def _paper_rows(conditions: Sequence[Condition], runs: Runs) -> list[Row]:
+def _paper_rows(conditions: Sequence[Condition], runs: Runs) -> list[harness.Row]:
     """In how many of the papers' experiments we are better than every other system, robot by robot."""
     papers = [condition for condition in conditions if condition.papers]
     means = {condition.title: _of(runs, condition, "mean_cm") for condition in papers}
     last = {c.title: {s: float(np.mean(each)) for s, each in _of(runs, c, "p99_cm").items()} for c in papers}
     less = [name for name, of in means.items() if all(_is_less(np.subtract(of[OWN], of[s])) for s in OTHERS)]
     no_more = [name for name, of in last.items() if all(of[OWN] <= of[s] for s in OTHERS if np.isfinite(of[s]))]
-    rows: list[Row] = []
+    rows: list[harness.Row] = []
     for figure, kept in (("mean less than every other's", less), ("99 % no more than the best other's", no_more)):
         missed = [name for name in means if name not in kept]
         counts = f"{len(kept)} of {len(papers)}" + (f"; not: {'; '.join(missed)}" if missed else "")
@@ -251,22 +242,22 @@ class Played(NamedTuple):
     error_m: float
 
 
-def play_rows(seeds: int) -> list[Row]:
+def play_rows(seeds: int) -> list[harness.Row]:
     """Hours of play, and kidnaps in play."""
-    played = list(computed(_played, seed_range(seeds, RUNS), "runs of play"))
+    played = list(harness.computed(_played, harness.seed_range(seeds, RUNS), "runs of play"))
     hours = f"{RUNS * seeds * MINUTES / 60.0:g} h of match, the compass fails for {FAULT_S:g} s every {MINUTES:g} min"
     flips, losses = sum(one.flip_s > FLIP_S for one in played), sum(one.loss_s > LOSS_S for one in played)
-    kidnaps = gathered(_kidnapped, seed_range(seeds, KIDNAP_RUNS), "runs with kidnaps")
+    kidnaps = harness.gathered(_kidnapped, harness.seed_range(seeds, KIDNAP_RUNS), "runs with kidnaps")
     every = {system: [one for run in runs for one in run] for system, runs in kidnaps.items()}
-    right = {system: rate(sum(one.right for one in each), len(each)) for system, each in every.items()}
+    right = {system: harness.rate(sum(one.right for one in each), len(each)) for system, each in every.items()}
     rest = {system: [one for one in each if not one.right] for system, each in every.items()}
     searching = {system: f"{sum(one.searching for one in each)} of {len(each)}" for system, each in rest.items()}
     wrong = {system: str(sum(one.wrong > drives.FOOLED_FRAMES for one in each)) for system, each in every.items()}
     return [
         row(hours, f"at the other end for more than {FLIP_S:g} s", "0", {OWN: str(flips)}),
         row("", f"wrong, called tracking, for more than {LOSS_S:g} s", "0", {OWN: str(losses)}),
-        row("", "tracked (%)", NONE, {OWN: interval([100.0 * one.tracked for one in played], 1)}),
-        row("", "mean (cm)", NONE, {OWN: interval([100.0 * one.error_m for one in played])}),
+        row("", "tracked (%)", harness.NONE, {OWN: harness.interval([100.0 * one.tracked for one in played], 1)}),
+        row("", "mean (cm)", harness.NONE, {OWN: harness.interval([100.0 * one.error_m for one in played])}),
         row("kidnaps in play", f"right within {drives.WITHIN_FRAMES} frames", "≥ 99.5 %", right),
         row("", "of the rest searching", "all", searching),
         row("", f"wrong, called tracking, for more than {drives.FOOLED_FRAMES} frames", "0", wrong),

@@ -17,6 +17,7 @@ from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettin
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Prior
+from touchline_lab.experiments import harness
 from touchline_lab.experiments.drives import (
     KIDNAPS,
     WITHIN_FRAMES,
@@ -26,16 +27,6 @@ from touchline_lab.experiments.drives import (
     driven,
     kidnaps_of,
     track_of,
-)
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    computed,
-    interval,
-    rate,
-    seed_range,
 )
 from touchline_lab.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH, SECONDS, SHAKING, TRACKS, UNTOUCHED
 from touchline_lab.experiments.own_points import OWN
@@ -118,10 +109,10 @@ class Driven(NamedTuple):
 Found = Mapping[tuple[str, str], Sequence[Driven]]  # by part, and by condition or view
 
 
-def own_ablations(seeds: int) -> ExperimentResult:
+def own_ablations(seeds: int) -> harness.ExperimentResult:
     """The same robots with each part left out in turn."""
     found: dict[tuple[str, str], list[Driven]] = {}
-    for of_robot in computed(without_parts, seed_range(seeds), "robots"):
+    for of_robot in harness.computed(without_parts, harness.seed_range(seeds), "robots"):
         for part, where, one in of_robot:
             found.setdefault((part, where), []).append(one)
     return page(found)
@@ -159,16 +150,17 @@ def _told(drive: Drive, track: Track, kidnapped: bool) -> Driven:
     return Driven(float(errors_cm.mean()), float(np.quantile(errors_cm, 0.99)), wrong, kidnaps_of(drive, track))
 
 
-def page(found: Found) -> ExperimentResult:
+def page(found: Found) -> harness.ExperimentResult:
     """The table, headline and picture."""
     untouched = [[one.mean_cm for one in found[part.name, UNTOUCHED.name]] for part in PARTS]
     worst = 1 + int(np.argmax([np.median(robots) for robots in untouched[1:]]))
-    return ExperimentResult(
+    return harness.ExperimentResult(
         f"Our own system, {OWN}, with parts of it left out",
         COLUMNS,
         [_row(part.name, found) for part in PARTS],
-        Headline(f"{UNTOUCHED.name}: {OWN}; without {PARTS[worst].name} (mean, median over robots, cm)", NONE,
-                 "; ".join(f"{interval(untouched[k])}, {np.median(untouched[k]):.2f}" for k in (0, worst))),
+        harness.Headline(f"{UNTOUCHED.name}: {OWN}; without {PARTS[worst].name} (mean, median over robots, cm)",
+                 harness.NONE,
+                 "; ".join(f"{harness.interval(untouched[k])}, {np.median(untouched[k]):.2f}" for k in (0, worst))),
         (_NOTES,),
         (("parts", _picture(found)),),
     )  # fmt: skip
@@ -187,17 +179,17 @@ _NOTES = (
 )
 
 
-def _row(part: str, found: Found) -> Row:
+def _row(part: str, found: Found) -> harness.Row:
     of = [found[part, condition.name] for condition in CONDITIONS]
     cells = [
-        f"{interval([o.mean_cm for o in each])}; {np.median([o.mean_cm for o in each]):.2f}; "
-        f"{interval([o.p99_cm for o in each], 1)}"
+        f"{harness.interval([o.mean_cm for o in each])}; {np.median([o.mean_cm for o in each]):.2f}; "
+        f"{harness.interval([o.p99_cm for o in each], 1)}"
         for each in of
     ]
     cells.append(f"{np.mean([one.wrong for each in of for one in each]):.2f}")
     for view in KIDNAP_RUNS:
         kidnaps = [one.right for run in found[part, view] for one in run.kidnaps]
-        cells += [rate(sum(kidnaps), len(kidnaps)), interval([run.wrong for run in found[part, view]])]
+        cells += [harness.rate(sum(kidnaps), len(kidnaps)), harness.interval([run.wrong for run in found[part, view]])]
     return part, *cells
 
 

@@ -19,18 +19,9 @@ from touchline.camera import PerspectiveCamera
 from touchline.geometry import Pose
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior
+from touchline_lab.experiments import harness
 from touchline_lab.experiments import schulz_runs as humanoids
 from touchline_lab.experiments.drives import Drive, Track, track_of
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    computed,
-    interval,
-    seed_range,
-    together,
-)
 from touchline_lab.experiments.injections import carried, drifting, fallen, looking_lower, misjudged, turned_aside
 from touchline_lab.experiments.scenes import BLUE, RED, new_figure
 from touchline_lab.experiments.schulz_runs import FIELDS, RECORDINGS, right_of, tracked, walk
@@ -97,18 +88,18 @@ CASES = (
 )  # fmt: skip
 
 
-def own_humanoids(seeds: int) -> ExperimentResult:
+def own_humanoids(seeds: int) -> harness.ExperimentResult:
     """Walks of robots as built with what may happen to them, the ideal ones beside them, and the recordings."""
-    measured = list(computed(_of_walk, list(product(FIELDS, seed_range(seeds))), "walks"))
-    tracks, waits = together(tracks for tracks, _ in measured), together(waits for _, waits in measured)
+    measured = list(harness.computed(_of_walk, list(product(FIELDS, harness.seed_range(seeds))), "walks"))
+    tracks, waits = harness.together(tracks for tracks, _ in measured), harness.together(waits for _, waits in measured)
     built = [tracks["as built", field, system] for system in SYSTEMS for field in FIELDS]
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Our own system, touchline, on walking humanoids, beside nimbro-lines on the same walks",
         COLUMNS,
         [*((*key, *_cells(each)) for key, each in tracks.items()), *_recorded_rows(seeds)],
-        Headline(
+        harness.Headline(
             f"robots as built, median error (cm), two fields; {OTHER} on the same walks",
-            NONE,
+            harness.NONE,
             "; ".join(_cells(each)[0] for each in built),
         ),
         (_NOTES, *(_sentence(field, each) for field, each in waits.items())),
@@ -199,29 +190,32 @@ def _told(walked: Drive, start: Pose) -> tuple[Track, float]:
     return track_of(walked, estimates), twin if twin > 1e-3 else 0.0
 
 
-def _cells(tracks: Sequence[Track]) -> Row:
+def _cells(tracks: Sequence[Track]) -> harness.Row:
     jumps = [float(np.hypot(*np.diff(t.poses[1:, :2] - t.truth[1:, :2], axis=0).T).max()) for t in tracks]
     return (
-        interval([100.0 * float(np.median(t.distances_m)) for t in tracks]),
-        interval([100.0 * float(np.mean(t.distances_m <= 0.3)) for t in tracks], 1),
-        interval([100.0 * float(np.quantile(t.distances_m, 0.99)) for t in tracks], 1),
-        interval([float(np.degrees(np.median(t.turns_rad))) for t in tracks]),
+        harness.interval([100.0 * float(np.median(t.distances_m)) for t in tracks]),
+        harness.interval([100.0 * float(np.mean(t.distances_m <= 0.3)) for t in tracks], 1),
+        harness.interval([100.0 * float(np.quantile(t.distances_m, 0.99)) for t in tracks], 1),
+        harness.interval([float(np.degrees(np.median(t.turns_rad))) for t in tracks]),
         f"{max(jumps):.2f}",
-        interval([100.0 * float(np.mean(~right_of(t) & t.tracking)) for t in tracks]),
-        interval([float(np.mean(t.squares[t.tracking])) / 3.0 for t in tracks]),
+        harness.interval([100.0 * float(np.mean(~right_of(t) & t.tracking)) for t in tracks]),
+        harness.interval([float(np.mean(t.squares[t.tracking])) / 3.0 for t in tracks]),
     )
 
 
-def _recorded_rows(seeds: int) -> list[Row]:
+def _recorded_rows(seeds: int) -> list[harness.Row]:
     """Both recordings, as they are and with the camera lower; none where they aren't found."""
-    rows: list[Row] = []
+    rows: list[harness.Row] = []
     for name in RECORDINGS:
         walked = humanoids.recorded_walk(name)
         if walked is None:
             continue
         for number, system in product(range(OF_CAMERAS), SYSTEMS):
             case = CASES[number]
-            tracks = [_after(_tracked(case.change(walked, 0), system, seed), case.from_s) for seed in seed_range(seeds)]
+            tracks = [
+                _after(_tracked(case.change(walked, 0), system, seed), case.from_s)
+                for seed in harness.seed_range(seeds)
+            ]
             what = f"images, {case.name}" if number else "images"
             rows.append((f"{what}: {name}", walked.field.name, system, *_cells(tracks)))
     return rows

@@ -15,17 +15,7 @@ from touchline.published.nubot.global_search import GlobalSearch, SearchRound
 from touchline.published.nubot.matcher import Matcher
 from touchline.published.nubot_mti.system import NubotMtiSettings
 from touchline.systems import paper_settings
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    follow,
-    interval,
-    rate,
-    seed_range,
-    spread,
-)
+from touchline_lab.experiments import harness
 from touchline_lab.experiments.scenes import FIELD, MAGENTA, RED, new_figure, points_from
 
 PLACE = (0.05, -1.92)  # where the paper's robot found itself; its samples lie at whole metres
@@ -55,7 +45,7 @@ def searches(seeds: int, c_m: float | None = None, ideal: bool = False, paper: b
     matching = settings.matching if c_m is None else settings.matching.model_copy(update={"c_m": c_m})
     search = GlobalSearch(Matcher(field.distance_map(), matching), field.length, field.width, settings.global_search)
     found = []
-    for seed in follow(seed_range(seeds), "searches"):
+    for seed in harness.follow(harness.seed_range(seeds), "searches"):
         rng = np.random.default_rng([seed, 7])
         truth = Pose(*PLACE, float(rng.uniform(-math.pi, math.pi)))
         points = points_from(truth, seed, ideal)
@@ -67,20 +57,20 @@ def searches(seeds: int, c_m: float | None = None, ideal: bool = False, paper: b
     return found
 
 
-def xiong_samples(seeds: int) -> ExperimentResult:
+def xiong_samples(seeds: int) -> harness.ExperimentResult:
     """Figure 7: the mean error of every sample, the five best of them."""
     found, paper, ideal = searches(seeds), searches(seeds, paper=True), searches(seeds, ideal=True)
     right = [search.taken.distance_to(search.truth) < NEAR_M for search in found]
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Figure 7 of Xiong et al.: the mean error of each of the 315 samples of a robot near (0, -2) m",
         (
             "robot", "samples", "best sample is off by", "its error", "of the five best within 1 m",
             "pose is off by: paper", "its form here", "ours", "ideal robot",
         ),
         [(str(seed), *_cells(*forms)) for seed, forms in enumerate(zip(found, paper, ideal, strict=True))],
-        Headline("robot near (0, -2) m found among 315 samples", "found, 9 cm from (0, -2) m",
-                 f"{rate(sum(right), len(right))} found, {_off_by(found)} cm off; its form {_off_by(paper)} cm; ideal "
-                 f"{_off_by(ideal)} cm"),
+        harness.Headline("robot near (0, -2) m found among 315 samples", "found, 9 cm from (0, -2) m",
+                 f"{harness.rate(sum(right), len(right))} found, {_off_by(found)} cm off; its form {_off_by(paper)} "
+                 f"cm; ideal {_off_by(ideal)} cm"),
         (
             "Robots as built, one per seed, who stand there among eight others, at the observation level. The paper's "
             "picture is of one place; the error is small there and near the penalty areas, as in ours. "
@@ -91,7 +81,7 @@ def xiong_samples(seeds: int) -> ExperimentResult:
     )  # fmt: skip
 
 
-def _cells(search: Search, paper: Search, ideal: Search) -> Row:
+def _cells(search: Search, paper: Search, ideal: Search) -> harness.Row:
     order = np.argsort(search.round.errors)
     gaps_m = np.hypot(*(search.round.samples_m[order[:5]] - PLACE).T)
     off = [f"{100 * each.taken.distance_to(each.truth):.2f} cm" for each in (paper, search, ideal)]
@@ -101,7 +91,7 @@ def _cells(search: Search, paper: Search, ideal: Search) -> Row:
 
 def _off_by(found: list[Search]) -> str:
     """How far the pose taken is off (cm), over the robots."""
-    return interval([100 * search.taken.distance_to(search.truth) for search in found])
+    return harness.interval([100 * search.taken.distance_to(search.truth) for search in found])
 
 
 def _map_figure(search: Search) -> Figure:
@@ -146,7 +136,7 @@ def descents(search: Search) -> list[Descent]:
     return found
 
 
-def xiong_convergence(seeds: int) -> ExperimentResult:
+def xiong_convergence(seeds: int) -> harness.ExperimentResult:
     """Figure 9: RPROP from the five best samples, with c of our own and with the paper's."""
     found = {
         "ours": searches(seeds),
@@ -156,15 +146,15 @@ def xiong_convergence(seeds: int) -> ExperimentResult:
         "ours, ideal robot": searches(seeds, ideal=True),
     }
     ends = {name: [d for search in each for d in descents(search)] for name, each in found.items()}
-    paper = ("the paper", "5", "2 of 5", "about 10", "1 of 2", "0.006", "above 0.018", NONE, "8.2, 8.8, 9.3 m")
+    paper = ("the paper", "5", "2 of 5", "about 10", "1 of 2", "0.006", "above 0.018", harness.NONE, "8.2, 8.8, 9.3 m")
     rows = {name: _summary(each) for name, each in ends.items()}
     narrow, wide = (", ".join((row[2], *row[4:6])) for row in (rows["ours"], rows["ours, c = 2.55 m"]))
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Figure 9 of Xiong et al.: RPROP from the five best samples of a robot near (0, -2) m",
         ("form", "descents", "right", "steps until settled", "error rises first", "error when right",
          "least error when wrong", "off by when right", "off by when wrong"),
         (paper, *((name, *row) for name, row in rows.items()), *_first_robot(found["ours"][0])),
-        Headline("steps until settled; error when right, least when wrong", "about 10; 0.006, above 0.018",
+        harness.Headline("steps until settled; error when right, least when wrong", "about 10; 0.006, above 0.018",
                  f"c = 0.25 m: {narrow}; c = 2.55 m: {wide}"),
         (
             "Robots as built, one per seed. Settled: from then on within 2 cm of where the descent ends. Errors are of "
@@ -177,24 +167,25 @@ def xiong_convergence(seeds: int) -> ExperimentResult:
     )  # fmt: skip
 
 
-def _summary(every: list[Descent]) -> Row:
+def _summary(every: list[Descent]) -> harness.Row:
     right, wrong = [d for d in every if d.right], [d for d in every if not d.right]
     decimals = 4 if not right or np.mean([d.after for d in right]) > 1e-3 else 5
     return (
-        str(len(every)), f"{len(right)} of {len(every)}", spread([float(d.steps) for d in right], 1),
+        str(len(every)), f"{len(right)} of {len(every)}", harness.spread([float(d.steps) for d in right], 1),
         f"{sum(d.rises for d in right)} of {len(right)}",
-        spread([d.after for d in right], decimals), f"{min(d.after for d in wrong):.4f}" if wrong else NONE,
-        f"{spread([100.0 * d.off_m for d in right])} cm", f"{spread([d.off_m for d in wrong], 1)} m",
+        harness.spread([d.after for d in right], decimals),
+        f"{min(d.after for d in wrong):.4f}" if wrong else harness.NONE,
+        f"{harness.spread([100.0 * d.off_m for d in right])} cm", f"{harness.spread([d.off_m for d in wrong], 1)} m",
     )  # fmt: skip
 
 
-def _first_robot(search: Search) -> list[Row]:
+def _first_robot(search: Search) -> list[harness.Row]:
     """A row for each of its descents."""
     return [
         (f"first robot from ({d.start_m[0]:.1f}, {d.start_m[1]:.1f}) to ({d.end_m[0]:.2f}, {d.end_m[1]:.2f}) m", "1",
          "yes" if d.right else "no", str(d.steps), "yes" if d.rises else "no",
-         *((f"{d.after:.4f}", NONE) if d.right else (NONE, f"{d.after:.4f}")),
-         *((f"{100 * d.off_m:.1f} cm", NONE) if d.right else (NONE, f"{d.off_m:.1f} m")))
+         *((f"{d.after:.4f}", harness.NONE) if d.right else (harness.NONE, f"{d.after:.4f}")),
+         *((f"{100 * d.off_m:.1f} cm", harness.NONE) if d.right else (harness.NONE, f"{d.off_m:.1f} m")))
         for d in descents(search)
     ]  # fmt: skip
 

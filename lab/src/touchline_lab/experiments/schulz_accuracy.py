@@ -9,19 +9,9 @@ from matplotlib.figure import Figure
 
 from touchline.field import open_field
 from touchline.types import Prior
+from touchline_lab.experiments import harness
 from touchline_lab.experiments import schulz_runs as humanoids
 from touchline_lab.experiments.drives import Track
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    follow,
-    gathered,
-    percent,
-    seed_range,
-    spread,
-)
 from touchline_lab.experiments.scenes import BLUE, MAGENTA, RED, new_figure
 from touchline_lab.experiments.schulz_runs import FIELDS, OURS, PAPER, RECORDINGS, tracked, walk
 
@@ -57,8 +47,8 @@ _RECORDED = (
 )
 _NOT_FOUND = f"{' and '.join(RECORDINGS)} were not found; TOUCHLINE_DATA names the folder of the recordings."
 _PAPER_ROWS = (
-    ("the paper's robot", "TeenSize 2010", "the paper", "all", "17", "89 %", NONE, NONE, NONE),
-    ("", "", "", "without lines", "26", "66 %", NONE, NONE, NONE),
+    ("the paper's robot", "TeenSize 2010", "the paper", "all", "17", "89 %", harness.NONE, harness.NONE, harness.NONE),
+    ("", "", "", "without lines", "26", "66 %", harness.NONE, harness.NONE, harness.NONE),
 )
 
 
@@ -82,19 +72,19 @@ def cases() -> list[Case]:
     )
 
 
-def schulz_accuracy(seeds: int) -> ExperimentResult:
+def schulz_accuracy(seeds: int) -> harness.ExperimentResult:
     """Walks at the observation level, then the recordings."""
-    places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), seed_range(seeds)))
-    walks = gathered(_walked, places, "walks")
+    places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), harness.seed_range(seeds)))
+    walks = harness.gathered(_walked, places, "walks")
     tracks = {case: walks[case] for case in cases()}
-    false = list(product(FIELDS, seed_range(seeds)))
-    with_false = gathered(_with_false, false, "walks, false crossings")
-    starts = list(product(FIELDS, seed_range(seeds, STARTS_FROM_NOWHERE)))
-    nowhere = gathered(_wait, starts, "starts from nowhere")
+    false = list(product(FIELDS, harness.seed_range(seeds)))
+    with_false = harness.gathered(_with_false, false, "walks, false crossings")
+    starts = list(product(FIELDS, harness.seed_range(seeds, STARTS_FROM_NOWHERE)))
+    nowhere = harness.gathered(_wait, starts, "starts from nowhere")
     recorded = recorded_rows()
     built = {case: some for case, some in tracks.items() if case.robot is humanoids.AS_BUILT and case.system == OURS}
     ours = ["{} cm, {}".format(*_cells(some)) for case, some in built.items() if case.features == LINES]
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Figure 5 of Schulz and Behnke 2012: five minutes of walking, with lines and without",
         COLUMNS,
         [
@@ -103,7 +93,7 @@ def schulz_accuracy(seeds: int) -> ExperimentResult:
             *((*key, OURS, LINES, *_cells(some)) for key, some in with_false.items()),
             *recorded,
         ],
-        Headline(
+        harness.Headline(
             "median error and poses within 40 cm, robot as built, coloured goals; white goals",
             "17 cm, 89 % (without lines: 26 cm, 66 %)",
             "; ".join(ours),
@@ -141,30 +131,33 @@ def _wait(task: tuple[str, int]) -> dict[str, float]:
     return {field: humanoids.time_until_right(humanoids.either_end(track) if walked.field.is_symmetric else track)}
 
 
-def _cells(tracks: Sequence[Track]) -> Row:
+def _cells(tracks: Sequence[Track]) -> harness.Row:
     """Median, share within 40 cm, 95 %, heading, share right and believed."""
     return (
-        spread([100.0 * float(np.median(t.distances_m)) for t in tracks], 1),
-        percent([float(np.mean(t.distances_m <= humanoids.NEAR_M)) for t in tracks]),
-        spread([100.0 * float(np.quantile(t.distances_m, 0.95)) for t in tracks], 0),
-        spread([float(np.degrees(np.median(t.turns_rad))) for t in tracks], 2),
-        percent([humanoids.believed(t) for t in tracks]),
+        harness.spread([100.0 * float(np.median(t.distances_m)) for t in tracks], 1),
+        harness.percent([float(np.mean(t.distances_m <= humanoids.NEAR_M)) for t in tracks]),
+        harness.spread([100.0 * float(np.quantile(t.distances_m, 0.95)) for t in tracks], 0),
+        harness.spread([float(np.degrees(np.median(t.turns_rad))) for t in tracks], 2),
+        harness.percent([humanoids.believed(t) for t in tracks]),
     )
 
 
-def recorded_rows() -> list[Row]:
+def recorded_rows() -> list[harness.Row]:
     """Images of walking humanoids, beside what the odometry alone makes of them; none of a recording not found."""
-    rows: list[Row] = []
+    rows: list[harness.Row] = []
     for name in RECORDINGS:
         walked, by_paper = humanoids.recorded_walk(name), humanoids.recorded_walk(name, PAPER)
         if walked is None or by_paper is None:
             continue
-        ours = [tracked(walked, seed, humanoids.settings()) for seed in follow(seed_range(STARTS), f"starts in {name}")]
-        paper = [tracked(by_paper, seed, humanoids.settings(PAPER)) for seed in seed_range(STARTS)]
+        ours = [
+            tracked(walked, seed, humanoids.settings())
+            for seed in harness.follow(harness.seed_range(STARTS), f"starts in {name}")
+        ]
+        paper = [tracked(by_paper, seed, humanoids.settings(PAPER)) for seed in harness.seed_range(STARTS)]
         alone = [humanoids.dead_reckoned(walked)]
         for system, features, tracks in ((OURS, "all", ours), (PAPER, "all", paper), ("odometry alone", "none", alone)):
             last = walked.times_s > walked.times_s[-1] - LAST_S
-            ends = spread([100.0 * float(np.median(t.distances_m[last])) for t in tracks], 1)
+            ends = harness.spread([100.0 * float(np.median(t.distances_m[last])) for t in tracks], 1)
             median, *others = _cells(tracks)
             rows.append((f"recorded: {name}", walked.field.name, system, features, f"{median} (last {ends})", *others))
     return rows

@@ -81,11 +81,7 @@ def schulz_belief(seeds: int) -> ExperimentResult:
         "Figure 4 of Schulz and Behnke 2012: the belief by the features of one frame",
         ("observation model", "features", "paper: positions", "positions", "belief that is right", "area (m²)"),
         rows,
-        Headline(
-            "positions left by crossings; by lines, crossings and one pole",
-            "2; almost 1",
-            f"{corners}; {ours}",
-        ),
+        Headline("positions left by crossings; by lines, crossings and one pole", "2; almost 1", f"{corners}; {ours}"),
         _NOTES,
         (("figure4", _figure(field, shown, seen[0])),),
     )

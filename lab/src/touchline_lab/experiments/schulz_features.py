@@ -16,6 +16,7 @@ from touchline.published.nimbro_lines.system import NimbroLines
 from touchline.sources import Recording
 from touchline.systems import RobotSetup
 from touchline.types import Estimate, Frame, ImageArray, Prior
+from touchline_lab.experiments import scenes
 from touchline_lab.experiments.harness import (
     NONE,
     ExperimentResult,
@@ -25,17 +26,6 @@ from touchline_lab.experiments.harness import (
     seed_range,
     share_text,
     together,
-)
-from touchline_lab.experiments.scenes import (
-    BLUE,
-    INK,
-    MAGENTA,
-    RED,
-    dots,
-    field_axes,
-    image_figure,
-    new_figure,
-    public_recording,
 )
 from touchline_lab.experiments.schulz_runs import PAPER, RECORDINGS, random_areas, start_about
 from touchline_lab.experiments.schulz_runs import settings as system_settings
@@ -118,7 +108,7 @@ def schulz_features(seeds: int) -> ExperimentResult:
     """Walks in the simulator, and both recordings where they are found."""
     walks = [(name, number) for number in seed_range(seeds, _PLACES) for name in FIELDS]
     runs: list[tuple[str, str, int | None]] = [(field_name, "ours", seed) for field_name, seed in walks]
-    runs += [(name, variant, None) for name in RECORDINGS if public_recording(name) for variant in VARIANTS]
+    runs += [(name, variant, None) for name in RECORDINGS if scenes.public_recording(name) for variant in VARIANTS]
     measured = together(
         {f"{name}, {variant if seed is None else 'rendered'}": measure(_source(name, seed), VARIANTS[variant])}
         for name, variant, seed in follow(runs, "runs of images")
@@ -149,7 +139,7 @@ def schulz_features(seeds: int) -> ExperimentResult:
             "figure 1; what is seen, where it lies in the robot frame, and the particles (black the truth, red the "
             "pose).",
         ),
-        figures_1_and_2(public_recording(RECORDINGS[0]) or _source(FIELDS[0], 0)),
+        figures_1_and_2(scenes.public_recording(RECORDINGS[0]) or _source(FIELDS[0], 0)),
     )
 
 
@@ -167,26 +157,28 @@ def figures_1_and_2(source: Recording | Simulation) -> list[tuple[str, Figure]]:
         found = system.step(frame)
         if frame.image is not None and found.observation is not None and len(found.observation.crossings) > 1:
             stages = detector.stages(frame.image)
-            steps = image_figure([stages[name] for name in _FIGURE_1], (13.0, 2.4))[0]
+            steps = scenes.image_figure([stages[name] for name in _FIGURE_1], (13.0, 2.4))[0]
             return [("figure1", steps), ("figure2", _figure_2(stages["lines and crossings"], system, found, truth))]
     return []
 
 
 def _figure_2(image: ImageArray, system: NimbroLines, found: Estimate, truth: Pose) -> Figure:
-    figure, (seen, egocentric, field_axis) = new_figure(1, 3, (13.0, 3.6), ("seen", "robot frame (m)", "particles"))
+    figure, (seen, egocentric, field_axis) = scenes.new_figure(
+        1, 3, (13.0, 3.6), ("seen", "robot frame (m)", "particles")
+    )
     seen.imshow(image[..., ::-1])
     seen.axis("off")
     assert found.observation is not None
     for one, other in found.observation.lines.ends_m:
-        egocentric.plot([one[0], other[0]], [one[1], other[1]], color=RED)
+        egocentric.plot([one[0], other[0]], [one[1], other[1]], color=scenes.RED)
     for kind, place in zip(found.observation.crossings.kinds, found.observation.crossings.positions_m, strict=True):
-        egocentric.annotate(str(kind), place, color=MAGENTA, weight="bold")
-    dots(egocentric, found.observation.landmarks.positions_m, BLUE)
-    dots(egocentric, np.zeros((1, 2)), INK, 7.0, marker=">")
+        egocentric.annotate(str(kind), place, color=scenes.MAGENTA, weight="bold")
+    scenes.dots(egocentric, found.observation.landmarks.positions_m, scenes.BLUE)
+    scenes.dots(egocentric, np.zeros((1, 2)), scenes.INK, 7.0, marker=">")
     egocentric.set_aspect("equal")
-    field_axes(field_axis, system.setup.field)
-    dots(field_axis, system.particles.particles.poses, BLUE, 1.5, zorder=2)
-    for pose, tint in ((truth, INK), (found.pose, RED)):
+    scenes.field_axes(field_axis, system.setup.field)
+    scenes.dots(field_axis, system.particles.particles.poses, scenes.BLUE, 1.5, zorder=2)
+    for pose, tint in ((truth, scenes.INK), (found.pose, scenes.RED)):
         field_axis.quiver(*pose[:2], math.cos(pose.heading), math.sin(pose.heading), color=tint, scale=15.0, zorder=3)
     return figure
 
@@ -195,7 +187,7 @@ def _source(name: str, seed: int | None) -> Recording | Simulation:
     """A recording, or with a seed a walk on a field."""
     if seed is not None:
         return Simulation(open_scenario("humanoid-walk", seed, _SECONDS, (f"field={name}", *random_areas(name, seed))))
-    recording = public_recording(name)
+    recording = scenes.public_recording(name)
     assert recording is not None
     return recording
 

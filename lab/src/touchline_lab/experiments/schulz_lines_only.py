@@ -8,18 +8,9 @@ from matplotlib.figure import Figure
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import wrap_angles
+from touchline_lab.experiments import harness
 from touchline_lab.experiments import schulz_runs as humanoids
 from touchline_lab.experiments.drives import Track
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    gathered,
-    percent,
-    seed_range,
-    spread,
-)
 from touchline_lab.experiments.scenes import BLUE, MAGENTA, RED, new_figure, way
 from touchline_lab.experiments.schulz_runs import OURS, PAPER, believed, tracked, walk
 
@@ -45,19 +36,19 @@ _NOTES = (
 Tracks = Mapping[str, Track]  # by condition
 
 
-def schulz_lines_only(seeds: int) -> ExperimentResult:
+def schulz_lines_only(seeds: int) -> harness.ExperimentResult:
     """Ten minutes per seed, three conditions."""
-    walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), seed_range(seeds)))
-    found = gathered(_tracks, walks, "walks")
+    walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), harness.seed_range(seeds)))
+    found = harness.gathered(_tracks, walks, "walks")
     built = found[CASES[0]]
     pairs = ((ONLY, TRUTH), (ALL, ONLY))
-    to_truth, to_all = (spread([100.0 * _apart(tracks, *pair)[0] for tracks in built], 1) for pair in pairs)
-    lost = percent([1.0 - believed(tracks[ONLY]) for tracks in built])
-    return ExperimentResult(
+    to_truth, to_all = (harness.spread([100.0 * _apart(tracks, *pair)[0] for tracks in built], 1) for pair in pairs)
+    lost = harness.percent([1.0 - believed(tracks[ONLY]) for tracks in built])
+    return harness.ExperimentResult(
         "Table 2 and figure 6 of Schulz and Behnke 2012: pose tracking by lines alone",
         COLUMNS,
         [row for case in CASES for row in _rows(case, found[case])],
-        Headline(
+        harness.Headline(
             "lines alone, robot as built: mean deviation from the truth; from the track of all; frames not right",
             "–; 14 cm; none",
             f"{to_truth} cm; {to_all} cm; {lost}",
@@ -81,14 +72,18 @@ def _tracks(task: tuple[humanoids.Robot, int]) -> dict[tuple[humanoids.Robot, st
     }
 
 
-def _rows(case: tuple[humanoids.Robot, str], found: Sequence[Tracks]) -> list[Row]:
-    rows: list[Row] = []
+def _rows(case: tuple[humanoids.Robot, str], found: Sequence[Tracks]) -> list[harness.Row]:
+    rows: list[harness.Row] = []
     for one, other in (*PAIRS, *((name, TRUTH) for name in CONDITIONS)):
         apart = np.array([_apart(tracks, one, other) for tracks in found])
-        metres, radians = (f"{value:g}" for value in PAIRS[one, other]) if other != TRUTH else (NONE, NONE)
-        right = percent([believed(tracks[one]) for tracks in found]) if other == TRUTH else NONE
+        metres, radians = (
+            (f"{value:g}" for value in PAIRS[one, other]) if other != TRUTH else (harness.NONE, harness.NONE)
+        )
+        right = harness.percent([believed(tracks[one]) for tracks in found]) if other == TRUTH else harness.NONE
         first = ("", "") if rows else (case[0].name, case[1])
-        rows.append((*first, one, other, metres, spread(apart[:, 0], 3), radians, spread(apart[:, 1], 3), right))
+        rows.append(
+            (*first, one, other, metres, harness.spread(apart[:, 0], 3), radians, harness.spread(apart[:, 1], 3), right)
+        )
     return rows
 
 

@@ -21,17 +21,7 @@ from touchline.published.nubot_mcl.system import NubotMclSettings
 from touchline.published.nubot_mti.system import NubotMti, NubotMtiSettings
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.types import Frame, Status
-from touchline_lab.experiments.harness import (
-    NONE,
-    ExperimentResult,
-    Headline,
-    Row,
-    follow,
-    percent,
-    seed_range,
-    spread,
-    together,
-)
+from touchline_lab.experiments import harness
 from touchline_lab.experiments.iris_runs import IDEAL, open_iris
 from touchline_lab.experiments.scenes import BLUE, FIELD, RED, new_figure, points_from, random_place
 from touchline_lab.simulation.run import Simulation
@@ -68,23 +58,25 @@ def _cycles(work: Callable[[], object], cycles: int) -> FloatArray:
 
 
 def _median(times_ms: Times, unit: str = "µs") -> str:
-    return _said([float(np.median(each)) for each in times_ms], unit) if len(times_ms) else NONE
+    return _said([float(np.median(each)) for each in times_ms], unit) if len(times_ms) else harness.NONE
 
 
 def _said(values_ms: Sequence[float], unit: str) -> str:
-    return f"{spread(1e3 * np.array(values_ms), 0)} µs" if unit == "µs" else f"{spread(values_ms)} ms"
+    return f"{harness.spread(1e3 * np.array(values_ms), 0)} µs" if unit == "µs" else f"{harness.spread(values_ms)} ms"
 
 
-def _row(name: str, paper: str, ours: Times, paper_ms: Times = (), ideal_ms: Times = (), unit: str = "µs") -> Row:
+def _row(
+    name: str, paper: str, ours: Times, paper_ms: Times = (), ideal_ms: Times = (), unit: str = "µs"
+) -> harness.Row:
     """paper_ms: its form here."""
     late = _said([float(np.quantile(each, 0.99)) for each in ours], unit)
-    longest = f"{spread([float(each.max()) for each in ours], 1)} ms"
+    longest = f"{harness.spread([float(each.max()) for each in ours], 1)} ms"
     return name, paper, _median(paper_ms, unit), _median(ours, unit), late, longest, _median(ideal_ms, unit)
 
 
-def _lone(name: str, value: str, more: str = "") -> Row:
+def _lone(name: str, value: str, more: str = "") -> harness.Row:
     """A row of a single figure."""
-    return name, NONE, "", value, more, "", ""
+    return name, harness.NONE, "", value, more, "", ""
 
 
 def _curve(title: str, lines: Sequence[tuple[FloatArray, str, float, str]], xlabel: str) -> Figure:
@@ -96,16 +88,16 @@ def _curve(title: str, lines: Sequence[tuple[FloatArray, str, float, str]], xlab
     return figure
 
 
-def lu2013_timing(seeds: int) -> ExperimentResult:
+def lu2013_timing(seeds: int) -> harness.ExperimentResult:
     """1000 cycles of the particle part and of the matching part, each seed from another place; then the curve."""
     ours, ideal, paper = (
-        together(parts(seed) for seed in follow(seed_range(seeds), name))
+        harness.together(parts(seed) for seed in harness.follow(harness.seed_range(seeds), name))
         for parts, name in (
             (_lu_parts, "robots as built"), (partial(_lu_parts, ideal=True), "ideal robots"),
             (_paper_parts, "in the paper's form"),
         )
     )  # fmt: skip
-    matcher, counts = Matcher(open_field(FIELD).distance_map()), follow(COUNTS, "numbers of particles")
+    matcher, counts = Matcher(open_field(FIELD).distance_map()), harness.follow(COUNTS, "numbers of particles")
     curve_us = [1e3 * float(_particle_cycles(matcher, 0, max(20, 20_000 // n), _particles(n)).min()) for n in counts]
     by_points_us = [1e3 * float(_particle_cycles(matcher, 0, 200, points=n).min()) for n in POINT_COUNTS]
     weights_us, plain_us = _weights_and_twin(matcher)
@@ -113,7 +105,7 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
         _row(name, published, ours[part], paper.get(part, ()), ideal[part])
         for name, published, part in (
             ("particles: one cycle, 600 x 100", "15-25 ms", "particles"),
-            ("particles: the same with five refined clusters", NONE, "refined"),
+            ("particles: the same with five refined clusters", harness.NONE, "refined"),
             ("matching: one cycle, 100 points", "1-3 ms", "matching"),
         )
     ]
@@ -132,11 +124,11 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
              (ours["matching"][0], BLUE, 0.8, "matching, 100 points")]  # fmt: skip
     cycles = _curve("time (ms)", shown, "cycle")
     cycles.axes[0].set_ylim(0.0, 4.0 * float(np.median(ours["particles"][0])))  # beyond other programs interrupted
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Figure 12 of Lu et al. 2013: time of one cycle of the particle part and of the matching part",
         COLUMNS,
         rows,
-        Headline("one cycle of 600 particles; of matching (median)", "15-25 ms; 1-3 ms",
+        harness.Headline("one cycle of 600 particles; of matching (median)", "15-25 ms; 1-3 ms",
                  f"{_median(ours['particles'])}; {_median(ours['matching'])}; its form {_median(paper['particles'])}; "
                  f"{_median(paper['matching'])}"),
         (
@@ -241,10 +233,10 @@ def _counts_figure(curve_us: list[float]) -> Figure:
     return figure
 
 
-def xiong_timing(seeds: int) -> ExperimentResult:
+def xiong_timing(seeds: int) -> harness.ExperimentResult:
     """Whole frames, image to pose, on rendered images: once searching in every frame, once tracking."""
     built, ideal = (
-        together(_whole_frames(seed, best) for seed in follow(seed_range(seeds), name))
+        harness.together(_whole_frames(seed, best) for seed in harness.follow(harness.seed_range(seeds), name))
         for best, name in ((False, "drives"), (True, "ideal robots"))
     )
     searching, tracking = ((built[s, "ours"], built[s, "paper"], ideal[s, "ours"]) for s in (True, False))
@@ -254,14 +246,14 @@ def xiong_timing(seeds: int) -> ExperimentResult:
     ]
     frames = _curve("time (ms)", shown, "frame")
     frames.axes[0].set_ylim(bottom=0.0)
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Figure 11 of Xiong et al.: time of a whole frame in global localization and in tracking",
         COLUMNS,
         (
             _row("whole frame, global localization", "35-45 ms", *searching),
             _row("whole frame, tracking", "18-24 ms", *tracking),
         ),
-        Headline("whole frame searching; tracking (median)", "35-45 ms; 18-24 ms",
+        harness.Headline("whole frame searching; tracking (median)", "35-45 ms; 18-24 ms",
                  f"{_median(searching[0])}; {_median(tracking[0])}; its form {_median(searching[1])}; "
                  f"{_median(tracking[1])}"),
         (
@@ -298,33 +290,33 @@ def _frame_times(simulation: Simulation, frames: list[Frame], settings: Settings
     return np.array(times[-FRAMES:])
 
 
-def iris_timing(seeds: int) -> ExperimentResult:
+def iris_timing(seeds: int) -> harness.ExperimentResult:
     """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
-    found = together(_iris_parts(seed) for seed in follow(seed_range(seeds), "tours"))
-    setup, frames = _tour(seed_range(seeds)[-1])
+    found = harness.together(_iris_parts(seed) for seed in harness.follow(harness.seed_range(seeds), "tours"))
+    setup, frames = _tour(harness.seed_range(seeds)[-1])
     points = float(np.mean([len(frame.observation.points) for frame in frames if frame.observation is not None]))
-    counts = follow(PARTICLES, "numbers of particles")
+    counts = harness.follow(PARTICLES, "numbers of particles")
     curve_ms = [float(np.median(_updates(setup, frames[:200], 0, count)[0])) for count in counts]
     rows = [
         _row("one update: points, wheels and gyro to pose", f"{PAPER_MS} ms", found["updates"], found["paper"],
              found["ideal"], "ms"),
-        _row("of it: odometry, equations (1) to (6)", NONE, found["odometry"], unit="ms"),
-        _row("line points of an image of 480 x 480", NONE, found["detection"], unit="ms"),
+        _row("of it: odometry, equations (1) to (6)", harness.NONE, found["odometry"], unit="ms"),
+        _row("line points of an image of 480 x 480", harness.NONE, found["detection"], unit="ms"),
         *(_lone(f"one update with {count} particles", f"{ms:.2f} ms")
           for count, ms in zip(PARTICLES, curve_ms, strict=True)),
     ]  # fmt: skip
-    return ExperimentResult(
+    return harness.ExperimentResult(
         "Time response of Ismail et al. 2021, section III.C: one update of the localization",
         COLUMNS,
         rows,
-        Headline("one update, from points and sensors to the pose (median)", f"{PAPER_MS} ms",
+        harness.Headline("one update, from points and sensors to the pose (median)", f"{PAPER_MS} ms",
                  f"{_median(found['updates'], 'ms')}; its form {_median(found['paper'], 'ms')}; ideal "
                  f"{_median(found['ideal'], 'ms')}"),
         (
             f"{len(frames)} updates per seed at 10 Hz on one core, 600 particles, {points:.0f} points per image, five "
             "samples of wheels and gyro each, of robots as built; the search at the start is among them, the robot is "
-            f"followed in {percent(np.array(found['tracking']).ravel())} of them. Processor time. The paper does not "
-            "say what its time of 1.6 ms includes, nor on which computer.",
+            f"followed in {harness.percent(np.array(found['tracking']).ravel())} of them. Processor time. The paper "
+            "does not say what its time of 1.6 ms includes, nor on which computer.",
         ),
         (("updates", _updates_figure(found["updates"][0], curve_ms)),),
     )  # fmt: skip

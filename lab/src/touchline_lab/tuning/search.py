@@ -50,11 +50,7 @@ class Search:
 
 
 def tune(
-    search: Search,
-    journal: Path,
-    count: int,
-    workers: Workers,
-    on_trial: Callable[[Trial], None] = lambda trial: None,
+    search: Search, journal: Path, count: int, workers: Workers, on_trial: Callable[[Trial], None] = lambda trial: None
 ) -> list[Trial]:
     """All trials until there are `count`, the first that of the settings as they are.
 

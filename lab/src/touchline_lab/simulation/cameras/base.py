@@ -134,12 +134,7 @@ class SimulatedCameraModel:
         return whole, ratio.astype(np.float32)
 
     def _blurred(
-        self,
-        scene: Scene,
-        pose: Pose,
-        attitude: tuple[float, float],
-        exposure_ms: float,
-        motion: Motion,
+        self, scene: Scene, pose: Pose, attitude: tuple[float, float], exposure_ms: float, motion: Motion
     ) -> Float32Array:
         steps = max(1, self.blur_steps)
         rows = self.height if self.readout_s > 0.0 else 1

@@ -143,10 +143,7 @@ class LinearImageCamera:
     """
 
     def __init__(
-        self,
-        radiance: Float32Array,
-        sensor: ImageSensor | None = None,
-        rng: np.random.Generator | None = None,
+        self, radiance: Float32Array, sensor: ImageSensor | None = None, rng: np.random.Generator | None = None
     ) -> None:
         self.radiance = radiance
         self.sensor = sensor or ImageSensor()

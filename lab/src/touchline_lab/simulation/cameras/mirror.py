@@ -110,20 +110,6 @@ def _rate(target: Target, head: MirrorHead, rho: float, z: float) -> tuple[float
     return slope * z / (1.0 - slope * tangent) / head.focal_px, slope
 
 
-def from_range(range_m: Callable[[float], float]) -> Target:
-    """A target from a ground range (m) as a function of the pixel radius, which must grow from 0 and end finite."""
-
-    def target(rho: float) -> tuple[float, float, float]:
-        value = float(range_m(rho))
-        if not math.isfinite(value) or value < 0.0 or (rho > 1.0 and value <= float(range_m(rho - 1.0))):
-            raise InputError(
-                f"mirror: the wanted ground range must grow with the pixel radius, but not at {rho:.1f} px"
-            )
-        return value, 0.0, 1.0
-
-    return target
-
-
 def tangent_range(scale_m: float = 1.57, per_px: float = 0.0071) -> Target:
     """The recorded cameras' range r = scale tan(rho per_px), continued beyond the horizon."""
     return lambda rho: (scale_m * math.sin(per_px * rho), 0.0, math.cos(per_px * rho))

@@ -21,13 +21,7 @@ from touchline.perception.scan_lines import usable_radius
 from touchline.published.iris_fusion import hsv_lines
 from touchline.published.iris_fusion.hsv_lines import HsvLineSettings
 from touchline.types import LinePoints, empty_points
-from touchline_lab.simulation.observation.crossings import (
-    COLUMNS,
-    Ground,
-    find_crossings,
-    hidden,
-    scale_table,
-)
+from touchline_lab.simulation.observation.crossings import COLUMNS, Ground, find_crossings, hidden, scale_table
 from touchline_lab.simulation.observation.fixed_noise import mosaic_table
 from touchline_lab.simulation.observation.goal_clutter import PLACES, place_strays, thread_table
 from touchline_lab.simulation.observation.point_errors import ObservationNoise, PointErrors, perturbed
