@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from drives import Drive
 
 from touchline.sources.bags.roles import DETECTION_TOPIC
 from touchline.sources.bags.standard import BASE, StandardMessages
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.bags.writing import McapWriter
 from touchline.types import CrossingKind, Crossings, LandmarkKind, Observation, Samples
-from touchline_lab.experiments.drives import Drive
 
 EPOCH_NS = 1_763_780_000_000_000_000  # the clock of the bags
 LATE_NS, JITTER_NS = 60_000_000, 3_000_000  # of the vision; of what comes without a stamp
