@@ -23,7 +23,6 @@ from touchline.sources.bags.writing import McapWriter, write_recording
 from touchline.sources.to_folder import write_folder
 
 _FIELD = BagOptions(field="msl-18x12")
-_OTHER_CAMERA = BagOptions({"image": "/back/image/compressed", "compass": "/imu/data"}, "msl-18x12", None, "base_link")
 
 
 def bag_readers(workplace: Path) -> list[Reader]:
@@ -46,17 +45,11 @@ def bag_readers(workplace: Path) -> list[Reader]:
     robot = new_folder(workplace, "bag-converted") / "robot.mcap"
     data, mutate = seeds["robot.mcap"]
     readers.append(Reader("convert, robot.mcap", robot, [data], _to_folder, 0.1, mutate))
-    other = new_folder(workplace, "bag-other-camera") / "robot.mcap"
-    readers.append(Reader("bag, robot.mcap, by options", other, [data], _other_camera, 0.5, mutate))
     return [*readers, *_runs(workplace, data), *_conversions(workplace)]
 
 
 def _metadata(path: Path) -> None:
     read_recording(open_source(path.parent, options=_FIELD))
-
-
-def _other_camera(path: Path) -> None:
-    read_recording(open_source(path, options=_OTHER_CAMERA))
 
 
 def _to_folder(path: Path) -> None:
@@ -103,8 +96,7 @@ def _runs(workplace: Path, bag: bytes) -> list[Reader]:
 def _conversions(workplace: Path) -> list[Reader]:
     """Recordings with one hostile file each, written as a bag."""
     readers = []
-    names = ("sequence.yaml", "camera.yaml", "images.csv", "odometry.csv", "imu.csv", "camera_pose.csv")
-    for name in (*names, "ground_truth.tum", "observations.csv"):
+    for name in ("sequence.yaml", "camera.yaml", "images.csv", "ground_truth.tum", "observations.csv"):
         folder = small_recording(new_folder(workplace, f"to-bag-{name}"))
 
         def convert(path: Path, folder: Path = folder) -> None:

@@ -37,9 +37,6 @@ from touchline.published.strip.recording import read_bearings, rough_center, sen
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, open_system
 from touchline.view.look import observe_image
-from touchline_lab.points.point_set import read_point_set
-from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
-from touchline_lab.simulation.scenario import SCENARIO_FOLDER, open_scenario
 
 DATA = Path(__file__).parent / "data"
 MARKS = "file,name,u,v,x_m,y_m\n" + "".join(
@@ -108,9 +105,6 @@ def _settings(workplace: Path) -> list[Reader]:
             load_settings(model, path)
 
         readers.append(Reader(f"settings of {name}", file, [tree], read, 0.5))
-    folder = new_folder(workplace, "scenario")
-    scenarios = [path.read_bytes() for path in sorted(SCENARIO_FOLDER.glob("*.yaml"))]
-    readers.append(Reader("scenario", folder / "scenario.yaml", scenarios, lambda path: open_scenario(path)))
     return readers
 
 
@@ -180,7 +174,6 @@ def _single_files(workplace: Path) -> list[Reader]:
             read_points,
         ),
         Reader("colours", folder / "colours.npz", _colours(folder), load_colours, 2.0, mutated_archive),
-        Reader("point set", folder / "points.npz", _point_sets(), read_point_set, 1.0, mutated_archive),
     ]
 
 
@@ -201,15 +194,6 @@ def _colours(folder: Path) -> list[bytes]:
     return [packed, plain.getvalue()]
 
 
-def _point_sets() -> list[bytes]:
-    arrays = {"offsets": np.array([0, 3, 6]), "points": np.ones((6, 2)), "is_outlier": np.zeros(6, np.bool_)}
-    poses = {"truth": np.zeros((2, 3)), "init": np.zeros((2, 3)), "compass": np.zeros(2)}
-    lines = {"segments": np.array([[-3.0, 2.0, 3.0, 2.0]]), "arcs": np.array([[0.0, 0.0, 1.0, 0.0, 3.0]])}
-    packed = io.BytesIO()
-    np.savez(packed, **arrays, **poses, **lines)  # type: ignore[arg-type]
-    return [packed.getvalue()]
-
-
 def _images(workplace: Path) -> list[Reader]:
     image = np.random.default_rng(3).integers(0, 255, (24, 32, 3), dtype=np.uint8)
     made = {
@@ -220,29 +204,10 @@ def _images(workplace: Path) -> list[Reader]:
     deep = bytes(cv2.imencode(".png", image.astype(np.uint16) * 257)[1].tobytes())
     progressive = bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes())
     folder = new_folder(workplace, "images")
-    readers = [
+    return [
         Reader(f"image {ending}", folder / f"image{ending}", [data, deep, progressive], read_image)
         for ending, data in made.items()
     ]
-    linear = small_recording(new_folder(workplace, "linear"))
-    told = SEQUENCE.replace(
-        "gamma: 2.2", "gamma: 2.2, linear_png: true, linear_radiance_at_65535: 4.0, optics_blur_sigma_px: 0.5"
-    )
-    (linear / "sequence.yaml").write_text(told)
-    (linear / "images/000000.jpg").write_bytes(deep)
-    for name in ("sequence.yaml", "images/000000.jpg"):
-        copy = workplace / f"linear-{Path(name).name}"
-        shutil.copytree(linear, copy)
-        readers.append(
-            Reader(
-                f"linear image, {name}",
-                copy / name,
-                [(copy / name).read_bytes()],
-                lambda _, f=copy: LinearImageCamera.open(open_source(f), 0),
-                0.5,
-            )  # type: ignore[misc]
-        )
-    return readers
 
 
 def _texts(workplace: Path) -> list[Reader]:
@@ -271,15 +236,7 @@ def _texts(workplace: Path) -> list[Reader]:
 def _whole_ways(workplace: Path) -> list[Reader]:
     """From a hostile file through everything behind its reader: few of them, for they take their time."""
     ways = []
-    for name in (
-        "sequence.yaml",
-        "camera.yaml",
-        "observations.csv",
-        "odometry.csv",
-        "imu.csv",
-        "images.csv",
-        "images/000001.jpg",
-    ):
+    for name in ("sequence.yaml", "camera.yaml", "observations.csv", "imu.csv", "images/000001.jpg"):
         folder = small_recording(new_folder(workplace, f"check-{name}"))
         seed = (folder / name).read_bytes()
         ways.append(
@@ -294,7 +251,7 @@ def _whole_ways(workplace: Path) -> list[Reader]:
             open_system("nubot-mti", robot_setup(open_source(folder)))
 
         ways.append(Reader(f"system, {name}", folder / name, [(folder / name).read_bytes()], system, 0.06))
-    for name in ("observations.csv", "odometry.csv", "wheels.csv", "imu.csv"):
+    for name in ("observations.csv", "odometry.csv"):
         folder = small_recording(new_folder(workplace, f"steps-{name}"))
         (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
 

@@ -82,20 +82,16 @@ def test_a_folder_comes_back_byte_by_byte(kind: str, walk: Path, tmp_path: Path)
 
 
 @pytest.fixture(scope="session")
-def match(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A second of a match, as a detector sees it."""
-    folder = tmp_path_factory.mktemp("match") / "match"
-    options = ["--level", "points", "--seconds", "1", "--output", str(folder)]
-    assert main(["simulate", "match", *options]) == 0
-    return folder
+def match(small_data: Path) -> Path:
+    """Half a minute of a robot, as its detector saw it."""
+    return small_data / "omni_9x6_points"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mcap", "rosbag2"])
 def test_the_trajectory_is_the_same_bit_for_bit(kind: str, match: Path, tmp_path: Path) -> None:
     bag = convert(match, tmp_path / KINDS[kind], "--to", kind)
-    back = convert(bag, tmp_path / "back")
-    assert_same_folder(back, match)
-    assert poses(bag) == poses(back)
+    assert poses(bag) == poses(convert(bag, tmp_path / "back"))
 
 
 def test_a_cut_mcap_gives_the_frames_before_the_cut(walk: Path, tmp_path: Path) -> None:
@@ -141,24 +137,6 @@ def without_own_topics(source: Recording, bare: Path) -> Path:
     return bare
 
 
-def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path) -> None:
-    """The bag without Touchline's own topics is a foreign one, and says the same."""
-    source = open_source(walk)
-    read = open_source(without_own_topics(source, tmp_path / "bare.mcap"), options=BagOptions(field="spl-9x6"))
-    assert read.truth is not None
-    assert source.truth is not None
-    assert np.allclose(read.truth.poses, source.truth.poses, atol=1e-9)
-    for found, expected in zip(read, source, strict=True):
-        assert found.image is not None
-        assert np.array_equal(found.image, expected.image)
-        assert found.odometry is not None
-        assert expected.odometry is not None
-        assert np.allclose(found.odometry.values, expected.odometry.values, atol=1e-9)
-        assert found.base_from_camera is not None
-        assert expected.base_from_camera is not None
-        assert np.allclose(found.base_from_camera.rotation, expected.base_from_camera.rotation, atol=1e-9)
-
-
 def test_a_fisheye_goes_through_camera_info_and_comes_back(walk: Path, tmp_path: Path) -> None:
     folder = tmp_path / "fisheye"
     shutil.copytree(walk, folder)
@@ -189,6 +167,7 @@ def test_a_fisheye_goes_through_camera_info_and_comes_back(walk: Path, tmp_path:
     assert np.allclose(found.translation_m, wanted.translation_m, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_results_are_written_with_map_to_odom(match: Path, tmp_path: Path) -> None:
     bag = convert(match, tmp_path / "match.mcap")
     assert main(["run", str(bag), "--output", str(tmp_path / "run")]) == 0
@@ -220,7 +199,7 @@ def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_
     whole = convert(walk, tmp_path / name, *(["--to", "rosbag2"] if name == "bag" else []))
     file = whole if whole.is_file() else next(whole.glob("*.db3"))
     data, rng = file.read_bytes(), np.random.default_rng(3)
-    for trial in range(15):
+    for trial in range(6):
         broken = bytearray(data)
         for at in rng.integers(0, len(data), 1 + 20 * (trial % 3)):
             broken[at] = int(rng.integers(256))
@@ -230,15 +209,7 @@ def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_
                 assert frame.image is None or frame.image.shape == (480, 752, 3)
 
 
-def test_a_damaged_chunk_is_left_out(walk: Path, tmp_path: Path) -> None:
-    data = bytearray(convert(walk, tmp_path / "whole.mcap").read_bytes())
-    data[len(data) // 2 : len(data) // 2 + 40] = bytes(40)
-    (tmp_path / "damaged.mcap").write_bytes(data)
-    damaged = open_source(tmp_path / "damaged.mcap")
-    assert 0 < len(damaged) < 10
-    assert "is left out" in str(damaged.problems[0])
-
-
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     def peak(frames: int) -> int:
         folder = write_small(tmp_path / f"folder{frames}", frames=frames)
@@ -263,6 +234,7 @@ def test_without_the_extra_it_is_named(walk: Path, tmp_path: Path, monkeypatch: 
         open_source(bag)
 
 
+@pytest.mark.slow
 def test_a_bag_is_looked_at_as_a_folder_is(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = convert(walk, tmp_path / "bag.mcap")
     told = []

@@ -17,7 +17,6 @@ from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from small_recordings import borrow
 
-from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.sources import BagOptions, Recording, open_source
@@ -81,11 +80,8 @@ def rggb(pixels: Any) -> Any:
 GRAY: Callable[[Any], Any] = lambda pixels: cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)  # noqa: E731
 ENCODINGS: dict[str, tuple[Image, float]] = {
     "rgb8": (raw("rgb8", lambda pixels: pixels[..., ::-1]), 0.0),
-    "bgra8": (raw("bgra8", lambda pixels: cv2.cvtColor(pixels, cv2.COLOR_BGR2BGRA)), 0.0),
     "bayer_rggb8": (raw("bayer_rggb8", rggb), 8.0),
     "yuv422_yuy2": (raw("yuv422_yuy2", lambda pixels: cv2.cvtColor(pixels, cv2.COLOR_BGR2YUV_YUYV)), 8.0),
-    "jpeg": (compressed("bgr8; jpeg compressed bgr8", ".jpg"), 5.0),
-    "png": (compressed("rgb8; png compressed bgr8", ".png"), 0.0),
     "bayer png": (compressed("bayer_rggb8; png compressed bayer_rggb8", ".png", rggb), 8.0),
 }
 
@@ -99,20 +95,6 @@ def test_images_of_every_encoding_are_read(encoding: str, robot: Recording, tmp_
         assert expected.image is not None
         assert found.image.shape == expected.image.shape
         assert np.abs(found.image.astype(float) - expected.image).mean() <= tolerance
-
-
-def test_gray_images_are_gray(robot: Recording, tmp_path: Path) -> None:
-    bag = open_source(foreign(robot, tmp_path / "robot.mcap", raw("mono8", GRAY)), options=FIELD)
-    frame = next(iter(bag))
-    assert frame.image is not None
-    assert np.array_equal(frame.image[..., 1], GRAY(next(iter(robot)).image))
-
-
-def test_a_foreign_bag_becomes_a_folder_with_the_same_pixels(robot: Recording, tmp_path: Path) -> None:
-    bag, folder = foreign(robot, tmp_path / "bag"), tmp_path / "folder"
-    assert main(["convert", str(bag), str(folder), "--field", "spl-9x6"]) == 0
-    pairs = zip(open_source(folder), robot, strict=True)
-    assert all(np.array_equal(found.image, expected.image) for found, expected in pairs)
 
 
 def test_what_no_bag_says_is_asked_for(robot: Recording, tmp_path: Path) -> None:
@@ -174,17 +156,12 @@ def test_of_two_cameras_one_is_read_and_the_other_named(robot: Recording, tmp_pa
     assert open_source(path, options=named).sequence["topics"]["image"] == "/rear/image_raw"
 
 
-def test_evaluate_reads_a_foreign_bag_as_its_run_did(robot: Recording, tmp_path: Path) -> None:
-    options = BagOptions({"image": "/front/image_raw"}, "spl-9x6", tmp_path / "camera.yaml", "base_footprint")
-    assert BagOptions.from_dict(options.to_dict()) == options
-
-
 @pytest.mark.parametrize("name", ["robot.bag", "bag"])
 def test_a_damaged_foreign_bag_is_told_or_refused(name: str, robot: Recording, tmp_path: Path) -> None:
     whole = foreign(robot, tmp_path / name)
     file = whole if whole.is_file() else next(whole.glob("*.db3"))
     data, rng = file.read_bytes(), np.random.default_rng(5)
-    for trial in range(9):
+    for trial in range(4):
         broken = bytearray(data)
         for at in rng.integers(0, len(data), 300 * (trial % 3)):
             broken[at] = int(rng.integers(256))

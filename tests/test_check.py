@@ -15,7 +15,7 @@ import yaml
 from small_recordings import borrow, delete_lines, edit_line, replace_line, write_recording
 from test_sources_broken import BROKEN_IMAGES, IMAGE_ROWS, ROWS, TRUTHS
 
-from touchline.checks.check import CHECKS, check_recording
+from touchline.checks.check import check_recording
 from touchline.checks.findings import Finding, Severity
 from touchline.sources import open_source
 
@@ -69,6 +69,7 @@ def rewrite_images(folder: Path, indices: range, change: Callable[[np.ndarray, i
         path.write_bytes(cv2.imencode(".jpg", change(cv2.imread(str(path)), index))[1].tobytes())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "warned"),
     [
@@ -87,19 +88,6 @@ def test_no_false_alarm_on_the_public_recordings(shared_data: Path, name: str, w
     assert [finding.check for finding in findings if finding.severity in BAD] == warned
     order = [Severity.ERROR, Severity.WARNING, Severity.NOTE, Severity.OK]
     assert [finding.severity for finding in findings] == sorted((f.severity for f in findings), key=order.index)
-
-
-def test_black_images_of_a_covered_camera_are_named(shared_data: Path) -> None:
-    finding = found(shared_data / "omni_msl_kidnap", "light")
-    assert finding.what == "6 black: frames 17, 18, 19, 37, 38, 39"
-
-
-def test_sixteen_bit_images_are_an_error(shared_data: Path) -> None:
-    finding = found(shared_data / "omni_exposure", "images")
-    assert finding.severity is Severity.ERROR
-    images = len(open_source(shared_data / "omni_exposure"))
-    assert f"{images} of {images} images" in finding.what
-    assert "exposure" in finding.advice
 
 
 def test_a_few_missing_images_are_a_warning_many_an_error(arc: Path) -> None:
@@ -151,20 +139,6 @@ def test_broken_rows_and_gaps_are_summed_up_by_file(arc: Path) -> None:
     assert "nothing for 0.440 s" in rows[1].what
 
 
-def test_a_missing_sensor_is_noted(arc: Path) -> None:
-    (arc / "odometry.csv").unlink()
-    assert_found(arc, "sensors", Severity.NOTE, "odometry.csv", "is not there")
-
-
-def test_rows_beyond_those_kept_are_counted_file_by_file(arc: Path) -> None:
-    for name in ("imu.csv", "wheels.csv"):
-        lines = (arc / name).read_text().splitlines()
-        (arc / name).write_text("\n".join([lines[0], *(f"{line},1" for line in lines[1:121]), *lines[121:]]))
-    rows = [finding.what for finding in check_recording(arc) if "values where" in finding.what]
-    assert len(rows) == 2
-    assert all(what.endswith("(and 119 more like it)") for what in rows)
-
-
 def test_an_unusable_sensor_file_is_an_error_and_nothing_else_is_said_of_it(arc: Path) -> None:
     (arc / "wheels.csv").write_text("t;a;b\n0;1;2\n")
     assert_found(
@@ -207,11 +181,6 @@ def test_a_stuck_sensor_is_found_while_another_moves(arc: Path, file: str, colum
     assert_found(arc, "stuck", Severity.WARNING, file, what)
 
 
-def test_a_gyro_that_keeps_its_value_in_a_steady_turn_is_not_stuck(arc: Path) -> None:
-    """gz is exactly 0.5 rad/s throughout, and the compass agrees with it."""
-    assert all(finding.check != "stuck" for finding in check_recording(arc))
-
-
 def test_a_dead_gyro_is_stuck(arc: Path) -> None:
     rewrite_column(arc / "imu.csv", 6, lambda _: 0.0)
     assert_found(arc, "stuck", Severity.WARNING, "imu.csv", "gz stay the same")
@@ -219,12 +188,6 @@ def test_a_dead_gyro_is_stuck(arc: Path) -> None:
 
 def test_wheels_that_agree_with_odometry_are_ok(arc: Path) -> None:
     assert_found(arc, "wheels", Severity.OK, "wheels.csv", r"0\.99\d × the way of odometry, turned by [+-]0\.\d°")
-
-
-def test_wheels_of_another_scale_are_found(arc: Path) -> None:
-    for column in (1, 2):
-        rewrite_column(arc / "wheels.csv", column, lambda travel: 1.15 * travel)
-    assert_found(arc, "wheels", Severity.WARNING, "wheels.csv", r"1\.13\d × the way")
 
 
 def test_wheels_in_centimetres_are_an_error(arc: Path) -> None:
@@ -236,14 +199,6 @@ def test_wheels_in_centimetres_are_an_error(arc: Path) -> None:
 def test_a_wheel_that_counts_backwards_is_an_error(arc: Path) -> None:
     rewrite_column(arc / "wheels.csv", 1, lambda travel: -travel)
     assert_found(arc, "wheels", Severity.ERROR, "wheels.csv", r"turned by -90")
-
-
-def test_swapped_wheels_are_an_error(shared_data: Path, tmp_path: Path) -> None:
-    """A mirror image is told from a turn by a drive in many directions, which twelve seconds hold and five do not."""
-    folder = borrow(shared_data / "omni_msl_match", tmp_path / "match", frames=120)
-    replace_line(folder / "wheels.csv", 1, "t,b,a")
-    said = "mirror images of each other" if len(open_source(folder)) == 120 else r"turned by \+94"
-    assert_found(folder, "wheels", Severity.ERROR, "wheels.csv", said)
 
 
 def test_swapped_wheels_of_a_drive_in_many_directions_are_mirror_images(tmp_path: Path) -> None:
@@ -269,16 +224,6 @@ def test_a_compass_that_counts_clockwise_is_an_error(arc: Path) -> None:
     assert_found(arc, "turns", Severity.OK, "imu.csv", r"the compass turns 1\.000 × as far as gz")
     rewrite_column(arc / "imu.csv", 3, lambda yaw: -yaw)
     assert_found(arc, "turns", Severity.ERROR, "imu.csv", r"the compass turns -1\.000 ×")
-
-
-def test_odometry_that_turns_too_far_is_a_warning(arc: Path) -> None:
-    rewrite_column(arc / "odometry.csv", 3, lambda theta: 1.3 * theta)
-    assert_found(arc, "turns", Severity.WARNING, "odometry.csv", r"odometry's theta turns 1\.300 ×")
-
-
-def test_a_compass_in_degrees_is_an_error(arc: Path) -> None:
-    rewrite_column(arc / "imu.csv", 6, lambda rate: math.degrees(rate))
-    assert_found(arc, "turns", Severity.ERROR, "imu.csv", r"the compass turns 0\.017 ×")
 
 
 def standing(folder: Path, rate: float) -> None:
@@ -388,22 +333,11 @@ def test_a_shaking_mirror_is_found(real: Path) -> None:
     assert any(finding.severity is Severity.WARNING and "moves by about" in finding.what for finding in findings)
 
 
-def test_an_outer_radius_beyond_the_mirror_is_found(real: Path) -> None:
-    rewrite_yaml(real / "camera.yaml", outer_radius_px=238.0)
-    findings = [finding for finding in check_recording(real) if finding.check == "mirror"]
-    assert any("beyond the mirror's disc of radius 23" in finding.what for finding in findings)
-
-
 def test_a_wrong_handedness_is_an_error(small_data: Path, tmp_path: Path) -> None:
     folder = borrow(small_data / "omni_msl_match", tmp_path / "match", frames=30)
     assert_found(folder, "handedness", Severity.OK, "camera.yaml", "as handedness says")
     rewrite_yaml(folder / "camera.yaml", handedness=1)
     assert_found(folder, "handedness", Severity.ERROR, "camera.yaml", "turns against handedness")
-
-
-def test_handedness_is_not_judged_without_turns(small_data: Path, tmp_path: Path) -> None:
-    folder = borrow(small_data / "omni_msl_track", tmp_path / "track", frames=5)
-    assert_found(folder, "handedness", Severity.NOTE, "camera.yaml", "not tested")
 
 
 def test_another_field_than_the_named_one_is_found(real: Path) -> None:
@@ -445,14 +379,6 @@ def test_a_truth_that_moves_otherwise_than_odometry_is_an_error(arc: Path) -> No
     assert_found(arc, "truth", Severity.ERROR, "ground_truth.tum", r"turned by \+90\.\d°")
 
 
-def test_another_check_joins_by_standing_in_the_list(arc: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def check_name(survey: object) -> list[Finding]:
-        return [Finding("name", Severity.ERROR, "sequence.yaml", "too short", "Find a better one.")]
-
-    monkeypatch.setattr("touchline.checks.check.CHECKS", [*CHECKS, check_name])
-    assert found(arc, "name").what == "too short"
-
-
 def test_a_recording_that_is_open_can_be_checked_and_tells_its_progress(arc: Path) -> None:
     ticks: list[int] = []
     source = open_source(arc)
@@ -460,20 +386,15 @@ def test_a_recording_that_is_open_can_be_checked_and_tells_its_progress(arc: Pat
     assert len(ticks) == 31
 
 
-DAMAGES = {
-    f"{group} {case}": damages[case][0]
-    for group, damages in (("image", BROKEN_IMAGES), ("row", ROWS), ("image row", IMAGE_ROWS), ("truth", TRUTHS))
-    for case in damages
-}
+DAMAGES = [BROKEN_IMAGES["noise inside"], ROWS["a word"], IMAGE_ROWS["no file"], TRUTHS["NaN"]]
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("case", DAMAGES)
-def test_whatever_is_reported_while_reading_is_a_finding(tmp_path: Path, case: str) -> None:
+@pytest.mark.parametrize("damage", [damage for damage, *_ in DAMAGES])
+def test_whatever_is_reported_while_reading_is_a_finding(tmp_path: Path, damage: Callable[[Path], object]) -> None:
     folder = write_recording(tmp_path / "small", frames=8, wheels=WHEELS)
-    DAMAGES[case](folder)
-    findings = check_recording(folder)
-    assert any(finding.severity in BAD for finding in findings if finding.check in ("images", "rows"))
+    damage(folder)
+    assert any(finding.severity in BAD for finding in check_recording(folder) if finding.check in ("images", "rows"))
 
 
 @pytest.mark.filterwarnings("error")
@@ -487,9 +408,3 @@ def test_a_mirror_too_small_to_measure_is_survived(arc: Path) -> None:
 def test_a_recording_of_one_image_can_be_checked(tmp_path: Path) -> None:
     findings = check_recording(write_recording(tmp_path / "one", frames=1, rate_hz=None))
     assert "holds a single image" in {finding.what for finding in findings}
-
-
-def test_a_recording_of_images_alone_can_be_checked(arc: Path) -> None:
-    for name in ("odometry.csv", "wheels.csv", "imu.csv", "ground_truth.tum"):
-        (arc / name).unlink()
-    assert {finding.check for finding in check_recording(arc) if finding.severity is Severity.ERROR} == {"camera"}

@@ -17,7 +17,6 @@ from touchline.checks.sensors import check_presence
 from touchline.checks.survey import Survey, take_survey
 from touchline.cli.run import execute
 from touchline.errors import TouchlineError
-from touchline.messages import without_numbers
 from touchline.sources import open_source
 
 SEEN = (
@@ -104,7 +103,3 @@ def test_features_that_tell_no_pose_are_told(tmp_path: Path) -> None:
 
 def test_a_mirror_has_another_check(small_data: Path) -> None:
     assert list(check_features(survey(small_data / "omni_msl_track"))) == []
-
-
-def test_messages_are_alike_but_for_their_numbers() -> None:
-    assert without_numbers("leans by 81.5°, more than 60°") == without_numbers("leans by 9°, more than 60°")

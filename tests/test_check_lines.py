@@ -12,11 +12,9 @@ import pytest
 import yaml
 
 from touchline.checks.findings import Finding, Severity
-from touchline.checks.lines import _ends, check_lines
+from touchline.checks.lines import check_lines
 from touchline.checks.survey import take_survey
-from touchline.geometry import Pose
 from touchline.sources import open_source
-from touchline.types import Estimate, Hypothesis, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 
@@ -52,6 +50,7 @@ def test_a_wrong_scale_of_the_ranges_is_told(recording: Path, factor: float, wor
     assert float(scale.what.split()[-2]) == pytest.approx(3.0, abs=0.8)
 
 
+@pytest.mark.slow
 def test_a_leaning_mirror_is_told(recording: Path) -> None:
     """The table of a head whose rays all lean by half a degree, beside images of an upright one."""
     table = yaml.safe_load((recording / "camera.yaml").read_text())["range_table"]
@@ -102,12 +101,3 @@ def test_the_look_at_the_lines_leaves_the_problems_as_they_were(recording: Path)
 def test_another_field_fits_no_pose(recording: Path) -> None:
     shutil.copy(Path(__file__).parents[1] / "src/touchline/field/presets/spl-9x6.yaml", recording / "field.yaml")
     assert findings(recording)["lines"].severity is Severity.WARNING
-
-
-def test_a_twin_that_is_likely_is_named() -> None:
-    def told(probability: float | None) -> list[Severity]:
-        twin = Hypothesis(Pose(-1.0, 0.0, math.pi), 0.02, probability)
-        estimate = Estimate(0, Pose(1.0, 0.0, 0.0), np.eye(3), Status.TRACKING, hypotheses=(twin,))
-        return [one.severity for one in _ends([estimate])]
-
-    assert (told(None), told(0.02), told(0.05), told(0.5)) == ([], [], [Severity.NOTE], [Severity.NOTE])

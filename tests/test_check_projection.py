@@ -29,6 +29,7 @@ def findings_of(folder: Path, check: str) -> list[Finding]:
     return [finding for finding in check_recording(folder) if finding.check == check]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "raw_px", "turned_deg"),
     [

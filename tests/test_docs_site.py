@@ -8,8 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-import tomllib
-from settings_page import settings_page, unit_of
+from settings_page import unit_of
 
 import touchline
 from touchline.systems import SYSTEMS
@@ -37,12 +36,6 @@ def test_every_page_is_in_the_menu_once(site: ModuleType, tmp_path: Path) -> Non
     pages = {page.name for page in (tmp_path / "docs" / "docs").glob("*.md")}
     assert len(menu) == len(set(menu))
     assert pages - {f"{name}.md" for name in SYSTEMS} <= set(menu) <= pages
-    tomllib.loads((tmp_path / "docs" / "zensical.toml").read_text(encoding="utf-8"))
-
-
-def test_the_page_shows_no_setting_twice() -> None:
-    rows = [line for line in settings_page().splitlines() if line.startswith("| `")]
-    assert len(rows) == len(set(rows))
 
 
 @pytest.mark.parametrize(
@@ -103,16 +96,3 @@ def test_what_a_page_names_behind_a_file_is_defined_in_it(page: Path) -> None:
         if not re.search(rf"^\s*(?:def|class) {what}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert wrong == []
-
-
-def test_cells_say_of_which_column_they_are(site: ModuleType) -> None:
-    """So that a table can be read on a screen where its columns don't fit beside each other."""
-    heads = '<thead><tr><th>row</th><th style="x">a "<em>b</em>"</th></tr></thead>'
-    table = f"<table>\n{heads}\n<tr><td>1</td><td>2</td></tr></table>"
-    moved = site.TABLE.sub(site.with_columns, f"<p>{table}</p>{table}")
-    assert moved.count('<td data-column="row">1</td><td data-column="a &quot;b&quot;">2</td>') == 2
-
-
-def test_the_scripts_of_pictures_lie_in_the_repository(site: ModuleType) -> None:
-    moved = site.with_site_links("[a](images/integrity.py)", "docs/integrity.md", {})
-    assert moved == f"[a]({site.address()}/blob/main/docs/images/integrity.py)"

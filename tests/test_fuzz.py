@@ -1,6 +1,7 @@
 """Two thousand hostile files: each is read or refused, never a foreign exception, a hang or much memory.
 
-`make fuzz N=20000` reads any number of them."""
+`make fuzz N=20000` reads any number of them.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +33,7 @@ def readers(tmp_path_factory: pytest.TempPathFactory) -> list[Reader]:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
 def test_hostile_files_are_read_or_refused(
     readers: list[Reader], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, part: int
@@ -43,6 +45,7 @@ def test_hostile_files_are_read_or_refused(
     assert [one for one in found if one.fault] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
 def test_hostile_files_that_hypothesis_thinks_of(readers: list[Reader], part: int) -> None:
     quick = [reader for reader in readers if reader.share >= 0.5][part::PARTS]

@@ -34,7 +34,7 @@ BGR8 = raw("bgr8", lambda pixels: pixels)
 
 def test_mutated_messages_do_no_harm() -> None:
     """Bytes as the network brings them, through decoder and reader; `make test-all` takes ten thousand."""
-    count = int(os.environ.get("TOUCHLINE_MUTATED", "600"))
+    count = int(os.environ.get("TOUCHLINE_MUTATED", "200"))
     chance, reader, codec = random.Random(1), RosReader(), Codec()
     good = list(sent_messages(codec))
     used = 0
@@ -95,14 +95,6 @@ def test_an_imu_without_orientation_is_no_compass() -> None:
     assert list(RosReader().read("imu", message, with_compass=True)) == [Reading("gyro", 1, (0.1, 0.2, 0.3))]
 
 
-def test_the_example_s_images_are_played_as_they_are() -> None:
-    writer = RosWriter(Codec())
-    data = open_source(EXAMPLE).image_bytes(0)
-    (out,) = writer.played(Picture(1, data, None, None))
-    assert bytes(out.message.data) == data
-    assert out.message.format == "jpeg"
-
-
 def test_a_late_image_is_played_with_the_lean_of_its_own_time(small_data: Path) -> None:
     camera = ros_camera(open_source(small_data / "humanoid_9x6_walk"))
     assert camera is not None
@@ -120,10 +112,6 @@ def test_a_late_image_is_played_with_the_lean_of_its_own_time(small_data: Path) 
     assert found is not None
     leaned = Pose3.from_roll_pitch_yaw(0.06, 0.0, 0.0).compose(camera.base_from_camera)
     np.testing.assert_allclose(found.rotation, leaned.rotation, atol=1e-6)
-
-
-def test_a_mirror_is_no_camera_that_ros_knows() -> None:
-    assert ros_camera(open_source(EXAMPLE)) is None
 
 
 def test_camera_info_and_transforms_are_the_camera_and_the_odometry(small_data: Path, tmp_path: Path) -> None:

@@ -236,16 +236,6 @@ def test_a_booster_robot_is_heard_on_its_topics_and_told_its_pose(ros: Ros) -> N
     link.close()
 
 
-def test_of_several_that_could_be_it_the_named_one_is_read_and_a_wrong_type_is_told(ros: Ros) -> None:
-    link, robot = opened(topics={"odometry": "/wheel/odom", "imu": "/odom"}), ros.create_node("robot")
-    for name in ("/odom", "/wheel/odom"):
-        robot.offer(name, ODOMETRY)
-    heard_by(link, lambda heard: link.refused)
-    assert "odometry" not in link.topics
-    assert any("/odom: is a nav_msgs/msg/Odometry" in what for what in link.refused)
-    link.close()
-
-
 def test_of_several_robots_the_one_of_the_namespace_is_read(ros: Ros) -> None:
     link, others = opened("/robot2"), ros.create_node("others")
     for name in ("/robot1/odom", "/robot2/odom", "/robot3/odom"):
@@ -322,6 +312,7 @@ def humanoid(ros: Ros, folder: Path, camera_info: bool = True) -> Iterator[None]
     thread.join()
 
 
+@pytest.mark.slow
 def test_a_humanoid_needs_no_camera_yaml(ros: Ros, small_data: Path, tmp_path: Path) -> None:
     """Its CameraInfo and TF are the camera and the odometry."""
     folder = borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=10)
@@ -336,6 +327,7 @@ def test_a_humanoid_needs_no_camera_yaml(ros: Ros, small_data: Path, tmp_path: P
     link.close()
 
 
+@pytest.mark.slow
 def test_without_camera_info_it_is_said_once_and_the_command_fails(
     ros: Ros, small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -404,16 +396,6 @@ def test_the_command_runs_as_a_node(ros: Ros, capsys: pytest.CaptureFixture[str]
     assert "publishes /robot1/touchline/pose" in said.err
     assert "0 of 0 images looked at" in said.out
     assert ros.nodes == []
-
-
-def test_play_publishes_a_recording(ros: Ros, capsys: pytest.CaptureFixture[str]) -> None:
-    other = ros.create_node("other")
-    other.listen("/odom", ODOMETRY)
-    other.listen("/image/compressed", "sensor_msgs/msg/CompressedImage")
-    assert main(["play", "ros", str(EXAMPLE), "--speed", "100"]) == 0
-    other.spin()
-    assert [topic for topic, _ in other.received].count("/image/compressed") == 60
-    assert "60 images sent" in capsys.readouterr().out
 
 
 def test_a_link_that_hears_nothing_says_where_it_listens_and_fails(

@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import kernel_wheels
@@ -73,6 +72,7 @@ def use(site: Path, kept: Path, **environment: str) -> list[str]:
     return ran.stdout.split(maxsplit=4)
 
 
+@pytest.mark.slow
 def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in site.rglob("*")}
     right, found, other, packed, said = use(site, tmp_path)
@@ -85,6 +85,7 @@ def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_pa
     assert {path: path.stat().st_mtime_ns for path in site.rglob("*")} == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 def test_a_spoilt_file_of_the_wheel_is_left_to_the_compiler(site: Path, tmp_path: Path, kind: str) -> None:
     spoilt = tmp_path / "site"
@@ -111,6 +112,7 @@ def test_a_cache_that_is_switched_off_stays_so(monkeypatch: pytest.MonkeyPatch, 
     assert cache.load_overload((), target) is None
 
 
+@pytest.mark.slow
 def test_a_processor_of_the_users_choice_is_left_to_numba(site: Path, tmp_path: Path) -> None:
     right, found, _, packed, said = use(site, tmp_path, NUMBA_CPU_NAME="x86-64-v2", NUMBA_CPU_FEATURES="")
     assert (right, found, packed) == ("True", "0", "0")
@@ -157,13 +159,6 @@ def test_a_spoilt_description_is_told(said_of: Callable[[str], str], description
     assert said_of(description) == "touchline-kernels is not used: its built.json cannot be read"
 
 
-@pytest.mark.parametrize("name", ["processor", "features", "sources", "target"])
-def test_a_description_that_lacks_something_is_told(said_of: Callable[[str], str], name: str) -> None:
-    built = surroundings() | FITTING
-    del built[name]
-    assert said_of(json.dumps(built)) == "touchline-kernels is not used: its built.json cannot be read"
-
-
 @pytest.mark.parametrize(
     ("where", "error"),
     [
@@ -181,20 +176,6 @@ def test_where_touchline_itself_is_not_known_that_is_told(
 
     monkeypatch.setattr(where, fails)
     assert said_of(described) == f"touchline-kernels is not used: what it has to fit is not known ({error})"
-
-
-def test_any_changed_source_is_told(
-    said_of: Callable[[str], str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    sources = tmp_path / "sources"
-    (sources / "examples").mkdir(parents=True)
-    (sources / "callee.py").write_text("LIMIT = 1\n")
-    monkeypatch.setattr("touchline.packed_loops._SOURCES", sources)
-    built = json.dumps(surroundings() | FITTING)
-    (sources / "examples" / "own.py").write_text("a user's\n")
-    assert "is used" in said_of(built)
-    (sources / "callee.py").write_text("LIMIT = 2\n")
-    assert said_of(built).endswith("touchline's sources are not those that it was compiled from")
 
 
 def test_without_the_wheel_nothing_is_said_and_numba_is_as_it_was() -> None:
@@ -235,20 +216,6 @@ def own_loop(a: int) -> int:
     return a
 
 
-def test_only_loops_that_are_kept_are_compiled_for_another_processor() -> None:
-    plain = numba.njit(own_loop)
-    module: Any = SimpleNamespace(__name__=__name__, plain=plain, foreign=matrices.inverse, other=1)
-    assert list(kernel_wheels.kept_loops(module)) == []
-    assert matrices.inverse in kernel_wheels.kept_loops(matrices)
-
-
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["one", "two"]])
-def test_wheels_are_asked_for_with_a_folder(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
-    monkeypatch.setattr(sys, "argv", ["kernel_wheels.py", *arguments])
-    with pytest.raises(SystemExit, match="usage: python kernels"):
-        kernel_wheels.main()
-
-
 def test_what_lies_in_the_wheels_folder_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "project").mkdir()
     (tmp_path / "project" / "thesis.tex").touch()
@@ -263,6 +230,7 @@ def test_what_lies_in_the_wheels_folder_stays(monkeypatch: pytest.MonkeyPatch, t
     assert files == {"project/thesis.tex", "x86-64-v3", "generic"}
 
 
+@pytest.mark.slow
 def test_armv8_is_compiled_here_without_running(compiled: Path, tmp_path: Path) -> None:
     kernel_wheels.compiled_from(compiled, kernel_wheels.ARMV8, tmp_path / "compiled")
     kernel_wheels.packed(tmp_path / "compiled", kernel_wheels.ARMV8, tmp_path / PACKAGE)

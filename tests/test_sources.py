@@ -13,7 +13,7 @@ from small_recordings import HEIGHT, WIDTH, arc_pose, delete_lines, edit_line, w
 from touchline.errors import InputError
 from touchline.evaluation import read_tum
 from touchline.geometry import Pose
-from touchline.sources import ProblemKind, Recording, open_source
+from touchline.sources import ProblemKind, open_source
 from touchline.types import Samples
 
 PUBLIC = [
@@ -129,14 +129,6 @@ def test_only_images_and_sequence_are_needed(folder: Path) -> None:
         _ = source.camera
 
 
-def test_exposure_and_gain_are_optional(folder: Path) -> None:
-    lines = (folder / "images.csv").read_text().splitlines()
-    (folder / "images.csv").write_text("\n".join(",".join(line.split(",")[:2]) for line in lines))
-    frame = next(iter(open_source(folder)))
-    assert frame.exposure_ms is None
-    assert frame.gain is None
-
-
 def test_a_source_can_be_read_again_and_in_part(folder: Path) -> None:
     source = open_source(folder)
     partly = iter(source)
@@ -159,13 +151,6 @@ def test_a_single_image_can_be_asked_for(folder: Path) -> None:
         source.image(8)
 
 
-def test_images_are_decoded_only_when_their_frame_comes(folder: Path) -> None:
-    frames = iter(open_source(folder))
-    next(frames)
-    (folder / "images/000001.jpg").unlink()
-    assert next(frames).image is None
-
-
 def test_truth_is_found_by_index_and_by_time(folder: Path) -> None:
     truth = open_source(folder).truth
     assert truth is not None
@@ -175,19 +160,6 @@ def test_truth_is_found_by_index_and_by_time(folder: Path) -> None:
     assert truth.nearest(351_000_000) == truth[3]
     assert truth.nearest(-5) == truth[0]
     assert truth.nearest(10**12) == truth[7]
-
-
-def test_headings_of_the_truth_are_wrapped(folder: Path) -> None:
-    lines = (folder / "ground_truth.tum").read_text().splitlines()
-    lines[0] = f"0.1 0 0 0 0 0 {-math.sin(3.5 / 2):.9f} {-math.cos(3.5 / 2):.9f}"
-    (folder / "ground_truth.tum").write_text("# t x y z qx qy qz qw\n" + "\n".join(lines))
-    truth = open_source(folder).truth
-    assert truth is not None
-    assert truth[0].heading == pytest.approx(3.5 - 2 * math.pi)
-
-
-def test_the_field_is_the_preset_that_sequence_names(folder: Path) -> None:
-    assert open_source(folder).field.length == 18.0
 
 
 def test_a_field_file_beside_the_recording_counts_more_than_the_name(folder: Path, small_data: Path) -> None:
@@ -202,33 +174,13 @@ def test_the_camera_file_beside_the_recording_is_opened(tmp_path: Path, small_da
     assert source.camera.width == 480
 
 
-def test_the_camera_file_is_read_once(tmp_path: Path, small_data: Path) -> None:
-    shutil.copytree(small_data / "omni_msl_track", tmp_path / "track")
-    source = open_source(tmp_path / "track")
-    (tmp_path / "track" / "camera.yaml").unlink()
-    assert source.camera.width == 480
-
-
-def test_what_sequence_says_is_handed_on(tmp_path: Path) -> None:
-    events = [{"t": 0.3, "kind": "slip"}]
-    source = open_source(write_recording(tmp_path / "r", events=events, wheels={"a_dir_rad": 0.5, "b_dir_rad": -0.5}))
-    assert source.name == "small"
-    assert source.rate_hz == 10.0
-    assert list(source.events) == events
-    assert source.sequence["wheels"]["a_dir_rad"] == 0.5
-
-
 def test_without_a_nominal_rate_the_median_one_is_taken_and_reported(tmp_path: Path) -> None:
     source = open_source(write_recording(tmp_path / "r", rate_hz=None))
     assert source.rate_hz == pytest.approx(10.0)
     assert source.problems.counts == {ProblemKind.SEQUENCE: 1}
 
 
-def test_a_recording_is_a_source(folder: Path) -> None:
-    source: Recording = open_source(str(folder))
-    assert len(source) == len(source.image_stamps) == 8
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PUBLIC)
 def test_public_recordings_are_read_whole_and_without_problems(shared_data: Path, name: str) -> None:
     source = open_source(shared_data / name)
