@@ -1,4 +1,4 @@
-"""Readers of loose images, videos and odometry, and of what calibrations begin from."""
+"""Readers of loose images and odometry, and of what calibrations begin from."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from fakes import CAMERA_YAML
-from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_recording
+from fuzz_reader import Reader, new_folder, read_recording
 
-from touchline.api import prepare
 from touchline.calibration.lines.pixels_file import image_size, read_pixels, rough_circle
 from touchline.calibration.marks import read_marks
 from touchline.calibration.perspective import (
@@ -42,16 +41,10 @@ mount: {x: 0.05, y: 0.0, z: 1.1, roll: 0.0, pitch: 0.5, yaw: 0.0}
 _CORRECTED = f"""{_PINHOLE}use_attitude: true
 imu_correction: {{matrix: [[0, 1, 0, 0, 0.1], [0, 0, 1, 0, 0]], reference: [0.01, 0.02]}}
 """
-_FEATURES = "t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,cov2_xy,cov2_yy,color,confidence\n"
-_FEATURES += "".join(
-    f"{k / 10},line,1.0,{0.5 - 0.1 * k},2.0,0.6,,0.01,0.001,0.02,0.01,0,0.02,,0.9\n"
-    f"{k / 10},{kind},{1.5 + 0.1 * k},-0.5,,,0.7,0.01,0,0.01,,,,,0.5\n{k / 10},point,1.0,0.5,,,,,,,,,,,\n"
-    for k, kind in enumerate(("L", "T", "X", "goal", "center", "pole"), start=1)
-)
 
 
 def loose_readers(workplace: Path) -> list[Reader]:
-    """Numbered images, a camera for them, a video, and odometry of any columns."""
+    """Numbered images, a camera for them, and odometry of any columns."""
     images = new_folder(workplace, "loose")
     for index in range(4):
         cv2.imwrite(str(images / f"img-{index}.png"), _picture(index))
@@ -79,7 +72,6 @@ def loose_readers(workplace: Path) -> list[Reader]:
         Reader("camera of images", camera / "camera.yaml", cameras, with_camera, 0.5),
         Reader("odometry of any columns", odometry / "odometry.csv", [_ODOMETRY.encode()], with_odometry, 1.0),
         Reader("odometry without a header", odometry / "bare.csv", [b"1 2 3 4\n5 6.5 7 8e0\n"], bare, 0.5),
-        *_videos(workplace),
     ]
 
 
@@ -96,26 +88,9 @@ def _converted(source: Path, target: Path, options: LooseOptions, described: Bag
     read_recording(recording)
 
 
-def _videos(workplace: Path) -> list[Reader]:
-    folder, readers = new_folder(workplace, "video"), []
-    (folder / _CAMERA).write_text(_PINHOLE)
-    described = BagOptions(field="msl-18x12", camera=folder / _CAMERA)
-    for name, code in (("walk.avi", "MJPG"), ("walk.mp4", "mp4v")):
-        writer = cv2.VideoWriter(str(folder / name), cv2.VideoWriter.fourcc(*code), 25.0, (48, 32))
-        for index in range(5):
-            writer.write(_picture(index))
-        writer.release()
-
-        def video(path: Path) -> None:
-            read_recording(open_loose(path, LooseOptions(), described))
-
-        readers.append(Reader(f"video, {name}", folder / name, [(folder / name).read_bytes()], video, 0.2))
-    return readers
-
-
 def calibration_readers(workplace: Path) -> list[Reader]:
-    """Line points in pixels; marks and lenses; features of walking robots."""
-    return [*_line_points(workplace), *_perspective(workplace), _features(workplace)]
+    """Line points in pixels; marks and lenses."""
+    return [*_line_points(workplace), *_perspective(workplace)]
 
 
 def _line_points(workplace: Path) -> list[Reader]:
@@ -158,15 +133,3 @@ def _perspective(workplace: Path) -> list[Reader]:
         Reader("calibrate camera, marks.csv", folder / "hostile.csv", [marks.encode()], of_marks),
         Reader("calibrate camera, camera.yaml", folder / "hostile.yaml", [_PINHOLE.encode()], of_lens, 1.0),
     ]
-
-
-def _features(workplace: Path) -> Reader:
-    folder = small_recording(new_folder(workplace, "features"))
-    (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
-
-    def steps(_: Path) -> None:
-        prepared = prepare(folder, "nimbro-lines")
-        for frame in prepared.source:
-            prepared.system.step(frame)
-
-    return Reader("nimbro-lines, observations.csv", folder / "observations.csv", [_FEATURES.encode()], steps, 0.15)

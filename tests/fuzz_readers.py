@@ -15,7 +15,6 @@ from fuzz_calibration_readers import calibration_readers, loose_readers
 from fuzz_mutations import mutated_archive
 from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_recording
 
-from touchline.api import prepare
 from touchline.calibration.colour import calibrate_marked
 from touchline.camera import open_camera
 from touchline.checks.check import check_recording
@@ -251,17 +250,6 @@ def _whole_ways(workplace: Path) -> list[Reader]:
             open_system("nubot-mti", robot_setup(open_source(folder)))
 
         ways.append(Reader(f"system, {name}", folder / name, [(folder / name).read_bytes()], system, 0.06))
-    for name in ("observations.csv", "odometry.csv"):
-        folder = small_recording(new_folder(workplace, f"steps-{name}"))
-        (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
-
-        def steps(_: Path, folder: Path = folder) -> None:
-            for chosen in SYSTEMS:
-                prepared = prepare(folder, chosen)
-                for frame in prepared.source:
-                    prepared.system.step(frame)
-
-        ways.append(Reader(f"steps, {name}", folder / name, [(folder / name).read_bytes()], steps, 0.02))
     folder = new_folder(workplace, "look")
     (folder / "camera.yaml").write_text(CAMERA_YAML)
     image = cv2.resize(cv2.imdecode(np.frombuffer(_jpeg(), np.uint8), 1), (96, 96))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import filecmp
 import shutil
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 from small_recordings import borrow
-from small_recordings import write_recording as write_small
 
 from touchline.api import prepare
 from touchline.camera import FisheyeCamera
@@ -105,21 +103,6 @@ def test_a_cut_mcap_gives_the_frames_before_the_cut(walk: Path, tmp_path: Path) 
     assert [contents(frame) for frame in cut] == expected
 
 
-def test_other_programs_find_what_ros_has_messages_for(walk: Path, tmp_path: Path) -> None:
-    bag = convert(walk, tmp_path / "bag.mcap")
-    with AnyReader([bag]) as reader:
-        counts = {name: (info.msgtype, info.msgcount) for name, info in reader.topics.items()}
-        images = [c for c in reader.connections if c.topic == "/camera/image/compressed"]
-        first = next(reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(images))
-    rows = (walk / "odometry.csv").read_text().count("\n") - 1
-    assert counts["/odom"] == ("nav_msgs/msg/Odometry", rows)
-    assert counts["/imu/data"][0] == "sensor_msgs/msg/Imu"
-    assert counts["/tf"][0] == "tf2_msgs/msg/TFMessage"
-    assert counts["/camera/camera_info"] == ("sensor_msgs/msg/CameraInfo", 1)
-    assert counts["/ground_truth/pose"] == ("geometry_msgs/msg/PoseStamped", 10)
-    assert (first.format, first.header.frame_id) == ("jpeg", "camera_optical_frame")
-
-
 def without_own_topics(source: Recording, bare: Path) -> Path:
     """A bag of what ROS has messages for, and of nothing else."""
     codec = Codec()
@@ -209,38 +192,8 @@ def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_
                 assert frame.image is None or frame.image.shape == (480, 752, 3)
 
 
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
-    def peak(frames: int) -> int:
-        folder = write_small(tmp_path / f"folder{frames}", frames=frames)
-        (folder / "ground_truth.tum").unlink()
-        bag = convert(folder, tmp_path / f"bag{frames}.mcap")
-        tracemalloc.start()
-        for _ in open_source(bag):
-            pass
-        held = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return held
-
-    peak(20)  # what is set up once
-    short, long = peak(150), peak(300)
-    assert long < short + 150 * 150 + 50_000  # 150 bytes an image: its time, exposure, line and place
-
-
 def test_without_the_extra_it_is_named(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = convert(walk, tmp_path / "bag.mcap")
     monkeypatch.setattr("touchline.sources.bags.kinds.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'touchline\[bags\]'"):
         open_source(bag)
-
-
-@pytest.mark.slow
-def test_a_bag_is_looked_at_as_a_folder_is(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = convert(walk, tmp_path / "bag.mcap")
-    told = []
-    for source in (bag, walk):
-        assert main(["view", str(source), "--frame", "3", "--output", str(tmp_path / f"{source.name}-view")]) == 0
-        told.append(capsys.readouterr().out.splitlines()[-2])
-        (picture,) = (tmp_path / f"{source.name}-view").glob("*.png")
-        told.append(picture.read_bytes())
-    assert told[:2] == told[2:]

@@ -9,11 +9,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from foreign_bags import EPOCH_NS, Image, Message, Types, cloud, foreign_messages, raw, write_foreign
+from foreign_bags import EPOCH_NS, Image, Message, Types, foreign_messages, raw, write_foreign
 from small_recordings import borrow
 
 from touchline.checks.check import check_recording
-from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.sources import BagOptions, Recording, open_source
@@ -89,14 +88,6 @@ def test_images_in_planes_are_read(encoding: str, order: str, robot: Recording, 
         assert np.abs(found.image.astype(float) - expected.image).mean() < 8.0
 
 
-def test_what_is_refused_names_topic_and_message(robot: Recording, tmp_path: Path) -> None:
-    bag = open_source(bag_of(robot, tmp_path / "robot.mcap", raw("p010", lambda pixels: pixels)), options=FIELD)
-    assert all(frame.image is None for frame in bag)
-    first = str(bag.problems[0])
-    assert first.startswith("/front/image_raw, message 1 (frame 0): has the encoding 'p010', which is not known")
-    assert "nv12" in first
-
-
 def test_times_are_the_bag_s_own_or_count_from_its_first_second(robot: Recording, tmp_path: Path) -> None:
     path = bag_of(robot, tmp_path / "robot.mcap")
     own, zero = (open_source(path, options=each) for each in (FIELD, BagOptions(field="spl-9x6", from_zero=True)))
@@ -120,15 +111,3 @@ def test_a_bag_without_camera_info_says_so(robot: Recording, tmp_path: Path) -> 
     with pytest.raises(InputError) as refused:
         _ = open_source(path, options=FIELD).camera
     assert str(refused.value) == "robot.mcap: no CameraInfo beside /front/image_raw; --camera FILE gives one"
-
-
-def test_a_bag_of_points_lacks_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    types = Types()
-    rows = [(1.0, 0.2 * k, 0.0) for k in range(8)]
-    clouds = (cloud(types, EPOCH_NS + k * 10**8, "base_footprint", rows) for k in range(6))
-    path = write_foreign(tmp_path / "points.mcap", clouds, types)
-    assert main(["check", str(path), "--field", "spl-9x6"]) in (0, 1)
-    assert "sequence.yaml" not in "".join(
-        line for line in capsys.readouterr().out.splitlines() if line.startswith(("warning", "error"))
-    )
-    assert open_source(path, options=FIELD).rate_hz == pytest.approx(10.0)

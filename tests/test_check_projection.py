@@ -87,6 +87,7 @@ def test_without_true_poses_the_mount_is_not_tested(shared_data: Path, tmp_path:
     assert "the true poses are not known" in finding.what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pitch", "z", "severity"),
     [(0.4887, 1.1, Severity.OK), (-0.6, 1.1, Severity.ERROR), (0.4887, 0.07, Severity.WARNING)],

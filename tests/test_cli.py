@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from touchline.config import Settings
 from touchline.errors import NoFitError
 from touchline.evaluation import write_tum
 from touchline.systems import SYSTEMS, SystemInfo
-from touchline.types import Estimate, Frame, Hypothesis
+from touchline.types import Estimate, Frame
 
 HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "scipy", "yaml")
 
@@ -226,51 +225,6 @@ def test_what_the_system_refuses_is_told_as_it_says(recording: Path, capsys: pyt
     assert "error: these points fit nothing\n" in told(capsys)[1]
 
 
-def test_ctrl_c_before_the_first_frame_is_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("touchline.sources.open_source", interrupted)
-    assert main(["check", "anything"]) == 130
-    assert told(capsys)[1] == "error: interrupted\n"
-
-
-def system_that(monkeypatch: pytest.MonkeyPatch, kind: type[FakeSystem], **options: Any) -> None:
-    info = SystemInfo("fake", "", FakeSettings, lambda setup, settings, rng: kind(rng, **options))
-    monkeypatch.setitem(SYSTEMS, "fake", info)
-
-
-def test_a_run_that_locates_nothing_fails_and_says_what_to_do(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    system_that(monkeypatch, FakeSystem, searching=tuple(range(12)))
-    assert main(["run", str(recording), "--system", "fake"]) == 1
-    out, err = told(capsys)
-    assert "no errors to show: no frame is left to compare: the robot was never located" in out
-    said = f"error: none of 12 images was localised: `touchline check {recording}` may tell why"
-    assert err.splitlines()[-1] == said
-    summary = json.loads(Path("runs/tiny-1/summary.json").read_text())
-    assert summary["why_no_errors"].endswith("the robot was never located")
-
-
-def test_an_unknown_side_of_the_field_is_told(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class Blind(FakeSystem):
-        def step(self, frame: Frame) -> Estimate:
-            estimate = super().step(frame)
-            return replace(estimate, hypotheses=(Hypothesis(estimate.pose.mirrored(), 0.02),))
-
-    system_that(monkeypatch, Blind)
-    assert main(["run", str(recording), "--system", "fake"]) == 0
-    (line,) = [line for line in told(capsys)[0].splitlines() if "the other end" in line]
-    assert line.startswith(
-        "in 11 of 12 images the robot may as well stand at the other end of the field (the other: at last x 1.4"
-    )
-    assert "--own-half or --start tells which" in line
-    assert json.loads(Path("runs/tiny-1/summary.json").read_text())["either_side"]["count"] == 11
 
 
 def test_a_full_disk_is_told_in_one_line() -> None:
@@ -298,13 +252,6 @@ def test_evaluate_takes_a_trajectory_and_a_truth(tmp_path: Path, capsys: pytest.
     out, _ = told(capsys)
     assert "10 frames counted" in out
     assert "0.00" in out
-
-
-def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["systems", "nubot-mti"]) == 0
-    out, _ = told(capsys)
-    assert "matching.c_m" in out
-    assert "0.25" in out
 
 
 BAD_ARGUMENTS = """
@@ -399,24 +346,3 @@ def test_an_unexpected_error_is_told_in_one_line(
     assert main(["evaluate", "anything"]) == 1
     _, err = told(capsys)
     assert err == "error: unexpected RuntimeError: a defect (touchline --debug evaluate anything shows the traceback)\n"
-
-
-def test_a_path_that_may_not_be_looked_into_is_bad_input(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def closed(path: Path, **_: object) -> None:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "stat", closed)
-    assert main(["locate", "closed/points.csv"]) == 2
-    assert told(capsys)[1] == "error: closed/points.csv: Permission denied\n"
-
-
-@pytest.mark.parametrize("group", ["bench", "calibrate"])
-def test_a_group_alone_shows_its_help_and_says_that_something_is_missing(
-    group: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([group]) == 2
-    out, err = told(capsys)
-    assert "Usage" in out + err
-    assert err.endswith(f"error: Missing command or argument. See touchline {group} --help\n")

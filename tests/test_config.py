@@ -60,14 +60,6 @@ def test_what_does_not_fit_is_told_with_its_line(tmp_path: Path, text: str, mess
         load_settings(Robot, yaml_file(tmp_path, text))
 
 
-def test_several_mistakes_have_a_line_each_and_those_of_a_change_have_none(tmp_path: Path) -> None:
-    path = yaml_file(tmp_path, "name: 3\nwheel:\n  teeth: 2.5")
-    with pytest.raises(InputError, match=r"robot.yaml, line 1: setting 'name': .*; line 3: setting 'wheel.teeth': "):
-        load_settings(Robot, path)
-    with pytest.raises(InputError, match=r"^setting 'wheel.teeth': "):
-        load_settings(Robot, yaml_file(tmp_path, "name: a\nwheel: {teeth: 2}"), ["wheel.teeth=2.5"])
-
-
 def test_truths_are_truths_where_a_truth_is_wanted(tmp_path: Path) -> None:
     settings = load_settings(Robot, yaml_file(tmp_path, "wheel: {driven: no, teeth: 3, places: [[1, 2.5]]}"))
     assert settings.wheel == Wheel(driven=False, teeth=3, places=((1.0, 2.5),))
@@ -94,11 +86,6 @@ def test_keys_may_come_again_in_another_mapping_and_over_merged_ones(tmp_path: P
     assert read_yaml(yaml_file(tmp_path, text))["one"] == {"a": 1}
     inside = "base: &base {a: 1}\nover:\n  two: &two\n    <<: *base\n    a: 3\nthree: {<<: *two}"
     assert read_yaml(yaml_file(tmp_path, inside))["three"] == {"a": 3}
-
-
-def test_a_key_that_stands_twice_in_one_line_is_refused_too(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="line 2: 'b' stands there already"):
-        read_yaml(yaml_file(tmp_path, "a:\n  - {b: 1, b: 2}"))
 
 
 @pytest.mark.parametrize("text", ["2026-13-45", "!!float x", "0b_"])

@@ -108,15 +108,6 @@ def test_a_cut_run_is_evaluated_and_said_to_be_cut(cut: Path, capsys: pytest.Cap
     assert "3 frames counted" in out
 
 
-def test_of_a_run_without_a_summary_the_truth_is_asked_for(cut: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (cut / "summary.json").unlink()
-    capsys.readouterr()
-    assert main(["evaluate", str(cut)]) == 2
-    assert "does not name its recording; give the truth with --truth FILE" in capsys.readouterr().err
-    assert main(["evaluate", str(cut), "--truth", "tiny/ground_truth.tum"]) == 0
-    assert "cut off" in capsys.readouterr().err
-
-
 def test_a_row_that_the_disk_does_not_take_leaves_those_before_whole(tmp_path: Path) -> None:
     with RunFolder(tmp_path) as folder, no_file_above(2000):
         tally = run_frames(FakeSource(FRAMES), FakeSystem(np.random.default_rng(0)), folder)
@@ -176,22 +167,3 @@ def test_a_signal_ends_a_run_after_the_image_at_hand(
     assert capsys.readouterr().err.splitlines()[-1] == "error: interrupted: 5 images done"
     assert (len(Run("runs/tiny-1").estimates), Run("runs/tiny-1").summary.ended) == (5, "interrupted")
     assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
-
-
-# a job in the background, as tests may be, is born ignoring it
-HEEDING = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
-def test_a_signal_while_a_command_starts_shows_no_traceback(kind: str) -> None:
-    program = (
-        f"import os, signal, sys\n{HEEDING}import importlib.abc\nfrom touchline.cli import main\n"
-        "class Signalling(importlib.abc.MetaPathFinder):\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'rich.table':\n"
-        f"            sys.meta_path.remove(self)\n            os.kill(os.getpid(), signal.{kind})\n"
-        "sys.meta_path.insert(0, Signalling())\nsys.argv = ['touchline', 'systems']\nsys.exit(main())\n"
-    )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "error: interrupted\n")

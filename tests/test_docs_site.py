@@ -8,14 +8,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from settings_page import unit_of
 
 import touchline
 from touchline.systems import SYSTEMS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-FOR_BUILDERS = ("architecture.md", "how-to-extend.md")  # whose code is part of the house
 DESCRIBED_ON = {"nubot-mcl-alone": "nubot-mcl.md"}
 
 
@@ -36,13 +34,6 @@ def test_every_page_is_in_the_menu_once(site: ModuleType, tmp_path: Path) -> Non
     pages = {page.name for page in (tmp_path / "docs" / "docs").glob("*.md")}
     assert len(menu) == len(set(menu))
     assert pages - {f"{name}.md" for name in SYSTEMS} <= set(menu) <= pages
-
-
-@pytest.mark.parametrize(
-    ("key", "unit"), [("c_m", "m"), ("a.drift_per_m", "1/m"), ("speed_m_s", "m/s"), ("lag_s", "s"), ("gate", "–")]
-)
-def test_units_are_read_from_names(key: str, unit: str) -> None:
-    assert unit_of(key) == unit
 
 
 def test_links_lead_to_pages_pictures_or_the_repository(site: ModuleType) -> None:
@@ -70,15 +61,6 @@ def test_all_that_is_public_stands_in_the_reference() -> None:
     listed = set(re.findall(r"^::: (\S+)", page, re.MULTILINE))
     names = {name.rpartition(".")[2] for name in listed}
     assert [n for n in touchline.__all__ if n not in names and getattr(touchline, n).__module__ not in listed] == []
-
-
-@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in FOR_BUILDERS], ids=lambda path: path.name)
-def test_the_python_of_a_page_imports_what_is_public(page: Path) -> None:
-    blocks = re.findall(r"^ *```python\n(.*?)^ *```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    imported = re.findall(r"^ *(?:from|import) (touchline\S*)(?: import (.*))?", "\n".join(blocks), re.MULTILINE)
-    assert {module for module, _ in imported} <= {"touchline", "touchline.errors"}
-    names = {name.strip() for module, line in imported if module == "touchline" for name in line.split(",")} - {""}
-    assert names <= set(touchline.__all__)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

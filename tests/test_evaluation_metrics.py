@@ -14,7 +14,7 @@ from syrupy.assertion import SnapshotAssertion
 from touchline.errors import InputError
 from touchline.evaluation import ErrorStatistics, error_table, read_tum, write_tum
 from touchline.evaluation.metrics import associate, signed_errors
-from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
+from touchline.evaluation.tum import seconds_text, stamp_from_text
 from touchline.types import Samples
 
 STEP_NS = 100_000_000
@@ -36,16 +36,6 @@ def test_statistics_are_those_of_the_closed_forms() -> None:
     assert statistics.max == pytest.approx(5.0)
     assert statistics.std_signed == pytest.approx(math.sqrt(8.0))  # about the signed mean 1: 16 + 0 + 0 + 16 over 4
     assert statistics.std_abs == pytest.approx(math.sqrt(2.75))  # about 2.5: 0.25 + 2.25 + 2.25 + 6.25 over 4
-
-
-def test_x_y_position_and_heading_are_told_apart() -> None:
-    truth = samples([(1.0, 2.0, 0.3)] * 4)
-    table = error_table(shifted(truth, [(0.03, -0.04, 0.01)] * 4), truth)
-    assert table.x.mean == pytest.approx(0.03)
-    assert table.y.mean == pytest.approx(0.04)
-    assert table.position.mean == pytest.approx(0.05)
-    assert table.heading.mean == pytest.approx(0.01)
-    assert table.x.std_signed == pytest.approx(0.0, abs=1e-12)
 
 
 def test_heading_errors_go_the_short_way_round() -> None:
@@ -138,11 +128,6 @@ def test_stamps_are_read_in_scientific_notation_too() -> None:
     assert stamp_from_text("1.5e1") == 15_000_000_000
     with pytest.raises(ValueError, match="inf"):
         stamp_from_text("inf")
-
-
-def test_no_number_is_a_negative_zero() -> None:
-    assert fixed(-1e-9, 6) == "0.000000"
-    assert fixed(-0.5, 6) == "-0.500000"
 
 
 def test_trajectory_survives_the_file(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from touchline.cli import main
-from touchline.cli.live import _Shown, address
+from touchline.cli.live import address
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import Pose, Pose3
 from touchline.live.camera_device import WithCamera
@@ -76,13 +76,6 @@ def test_images_of_which_parts_are_lost_are_forgotten_and_counted() -> None:
     for stamp in range(10):
         assert datagrams.read(next(image_datagrams(stamp, bytes(2 * PART_BYTES)))) is None
     assert datagrams.refused["an image of which parts are missing"] == 6
-
-
-def test_crossings_come_as_rows() -> None:
-    line = {"kind": "seen", "stamp_ns": 5, "rows": [{"kind": "L", "x_m": 1.0, "y_m": 2, "orientation_rad": "0.5"}]}
-    found = only(Datagrams(), json.dumps(line).encode()).observation
-    assert found.crossings.kinds.tolist() == ["L"]
-    assert found.crossings.positions_m.tolist() == [[1.0, 2.0]]
 
 
 def test_a_start_comes_with_its_covariance() -> None:
@@ -170,17 +163,6 @@ def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     problems = json.loads(published_datagram(Published(slips)))["problems"]
     assert problems == [{"code": "odometry-scale", "sentence": "slips"}]
     assert json.loads(published_datagram(Published(sure.unconfirmed("too far"))))["reason"] == "too far"
-
-
-def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
-    shown = _Shown()
-    plain = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
-    for seconds in (0.2, 0.4, 0.6):
-        repeated = Problem(ProblemCode.IMAGES_REPEAT, f"the image has not changed for {seconds} s")
-        problems = repeated, Problem(ProblemCode.ODOMETRY_DRIFT, "odometry drifts")
-        shown.take(Published(replace(plain, problems=problems), image=True))
-    out = capsys.readouterr().out
-    assert [out.count(text) for text in ("has not changed", "for 0.2 s", "odometry drifts")] == [1, 1, 1]
 
 
 # --- the loop ---------------------------------------------------------------------------------------------------------
@@ -281,15 +263,6 @@ def test_the_odometry_at_an_image_lies_between_its_samples() -> None:
     assert found is not None
     heading = 3.1 + 0.25 * (2 * np.pi - 6.2)
     np.testing.assert_allclose(found, Pose(0.25, 0.5, heading).inverse(), atol=1e-12)
-
-
-def test_what_ends_the_thread_that_localises_is_raised() -> None:
-    class Broken(Slow):
-        def localize(self, stamp_ns: int, **_: object) -> Estimate:
-            raise BrokenPipeError
-
-    with pytest.raises(BrokenPipeError):
-        looped(sights(1, 0.1), Broken(0.0), 1)
 
 
 def test_a_start_is_handed_on_and_one_that_is_none_does_no_harm() -> None:

@@ -21,7 +21,6 @@ from touchline.live.ros_reader import FIXED_TOPICS, RosReader
 from touchline.live.ros_writer import RosWriter
 from touchline.localizer import Localizer
 from touchline.sources import open_source
-from touchline.sources.bags.camera_file import ros_camera
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.result_messages import Outgoing
 from touchline.sources.bags.roles import ROLES
@@ -95,25 +94,7 @@ def test_an_imu_without_orientation_is_no_compass() -> None:
     assert list(RosReader().read("imu", message, with_compass=True)) == [Reading("gyro", 1, (0.1, 0.2, 0.3))]
 
 
-def test_a_late_image_is_played_with_the_lean_of_its_own_time(small_data: Path) -> None:
-    camera = ros_camera(open_source(small_data / "humanoid_9x6_walk"))
-    assert camera is not None
-    codec, reader, heard = Codec(), RosReader(), []
-    writer = RosWriter(codec, camera=camera)
-    image = (EXAMPLE / "images" / "000003.jpg").read_bytes()
-    leans = [Reading("attitude", 100_000_000 * k, (0.02 * k, 0.0)) for k in range(1, 6)]
-    roles = {"/tf": "tf", "/camera_info": "camera_info", "/image/compressed": "image", "/imu/data": "imu"}
-    first, late = (Picture(stamp_ns, image, None, None) for stamp_ns in (200_000_000, 300_000_000))
-    for event in (*leans[:2], first, *leans[2:], late):
-        for out in writer.played(event):
-            data = codec.encode(out.kind, out.message)
-            heard += reader.read(roles[out.topic], codec.decode(Topic(out.topic, out.kind, "cdr", None, 1), data))
-    found = [each.base_from_camera for each in heard if isinstance(each, Sight)][1]
-    assert found is not None
-    leaned = Pose3.from_roll_pitch_yaw(0.06, 0.0, 0.0).compose(camera.base_from_camera)
-    np.testing.assert_allclose(found.rotation, leaned.rotation, atol=1e-6)
-
-
+@pytest.mark.slow
 def test_camera_info_and_transforms_are_the_camera_and_the_odometry(small_data: Path, tmp_path: Path) -> None:
     """A robot that speaks by rosbags' own codec: TF at every step, CameraInfo, no odometry topic."""
     source = open_source(borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=3))

@@ -18,7 +18,6 @@ from touchline.evaluation import Run
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
 from touchline.evaluation.summary import RunSummary
-from touchline.systems import SYSTEMS, open_system
 from touchline.types import Hypothesis, Problem, ProblemCode
 
 
@@ -32,15 +31,6 @@ def run(tmp_path: Path) -> Run:
     summary = RunSummary(recording={"path": str(recording)}, system="fake").updated(tally.summary())
     write_summary(folder, summary)
     return Run(folder)
-
-
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_a_system_is_opened_from_names_and_dicts_and_says_what_it_is(name: str) -> None:
-    from_name = open_system(name, "msl-18x12")
-    from_dict = open_system(name, {"field": "msl-18x12", "wheel_directions_rad": (0.8, -0.8)}, {})
-    kind = type(from_name).__name__
-    assert repr(from_name) == f"{kind}(msl-18x12, no camera)"
-    assert repr(from_dict) == f"{kind}(msl-18x12, no camera, two measuring wheels)"
 
 
 def test_an_estimate_reads_as_a_pose_with_its_uncertainty() -> None:
@@ -78,25 +68,6 @@ def test_an_estimate_is_a_table_of_its_poses_and_a_picture_of_them_in_a_notebook
     assert "nan" not in shown
     assert (counted(drawn(shown), "polygon"), counted(drawn(shown), "ellipse")) == (3, 2)
     assert "M1.00,-1.50h0 M1.00,-0.50h0" in shown  # the points, as seen from the pose
-
-
-def test_a_recording_and_its_frames_read_as_what_they_hold(tmp_path: Path) -> None:
-    source = touchline.open_source(write_recording(tmp_path / "walk", 2))
-    assert repr(source) == f"Recording({source.name}: 2 images, field {source.field.name}, camera omni)"
-    frame, _ = source
-    assert repr(frame).startswith("Frame(0.000 s: image ")
-    assert "array" not in repr(frame)
-    assert repr(touchline.Frame(1_500_000_000)) == "Frame(1.500 s: no image)"
-
-
-def test_a_run_shows_its_errors_and_its_path(run: Run) -> None:
-    assert repr(run).endswith("run': fake, 12 images)")
-    shown = run._repr_html_()
-    assert "position (cm)" in shown
-    assert "data:image/png;base64," in shown
-    moved = Run(run.folder)
-    moved.summary = run.summary.updated(RunSummary(recording={"path": "gone"}))
-    assert "no such recording" in moved._repr_html_()
 
 
 def test_a_run_is_a_pandas_table_where_pandas_is(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from touchline.errors import InputError
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
-from touchline.files.images import MEGAPIXELS_VARIABLE, decode, image_size, jpeg_header, read_image
+from touchline.files.images import MEGAPIXELS_VARIABLE, image_size, jpeg_header, read_image
 from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.localization.one_shot.points_file import read_points
@@ -272,10 +272,3 @@ def test_an_archive_with_something_else_inside_is_refused(tmp_path: Path, data: 
     path = colours_with(tmp_path, "noise", data)
     with pytest.raises(InputError, match=rf"^{path}: .*{what}"):
         load_colours(path)
-
-
-def test_a_png_s_part_that_claims_gigabytes_is_not_made_room_for() -> None:
-    data = bytearray(cv2.imencode(".png", np.zeros((20, 30, 3), np.uint8))[1].tobytes())
-    at = data.index(b"IDAT") - 4
-    data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
-    assert decode(bytes(data), cv2.IMREAD_COLOR) == "is a PNG file that ends early, or is damaged inside"

@@ -7,12 +7,10 @@ import json
 import os
 import platform
 import re
-import shutil
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +21,6 @@ import pytest
 import touchline
 from touchline import matrices, packed_loops
 from touchline.cli import main
-from touchline.files.opened import UnreadableError
 from touchline.packed_loops import DESCRIPTION, PACKAGE, surroundings, take_packed_loops
 
 USED = """
@@ -83,18 +80,6 @@ def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_pa
     assert "matrices.inverse" not in kept
     assert use(site, tmp_path)[:4] == ["True", "1", "1", "1"]
     assert {path: path.stat().st_mtime_ns for path in site.rglob("*")} == before
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-def test_a_spoilt_file_of_the_wheel_is_left_to_the_compiler(site: Path, tmp_path: Path, kind: str) -> None:
-    spoilt = tmp_path / "site"
-    shutil.copytree(site, spoilt)
-    (path,) = spoilt.rglob(f"matrices.inverse*.{kind}")
-    path.write_bytes(b"\x80 no pickle")
-    right, found, _, packed, said = use(spoilt, tmp_path / "kept")
-    assert (right, found, packed) == ("True", "0", "0")
-    assert said.startswith("touchline-kernels is used")
 
 
 def test_a_cache_that_is_switched_off_stays_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -159,25 +144,6 @@ def test_a_spoilt_description_is_told(said_of: Callable[[str], str], description
     assert said_of(description) == "touchline-kernels is not used: its built.json cannot be read"
 
 
-@pytest.mark.parametrize(
-    ("where", "error"),
-    [
-        ("importlib.metadata.version", PackageNotFoundError("touchline")),
-        ("touchline.packed_loops.read_bytes", UnreadableError(Path("field.py"), "permission denied")),
-    ],
-)
-def test_where_touchline_itself_is_not_known_that_is_told(
-    said_of: Callable[[str], str], monkeypatch: pytest.MonkeyPatch, where: str, error: Exception
-) -> None:
-    described = json.dumps(surroundings() | FITTING)
-
-    def fails(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(where, fails)
-    assert said_of(described) == f"touchline-kernels is not used: what it has to fit is not known ({error})"
-
-
 def test_without_the_wheel_nothing_is_said_and_numba_is_as_it_was() -> None:
     search = numba.core.caching.FunctionCache._load_overload
     assert take_packed_loops.__wrapped__() == ""
@@ -214,20 +180,6 @@ def test_a_command_takes_them_and_compile_says_so(
 
 def own_loop(a: int) -> int:
     return a
-
-
-def test_what_lies_in_the_wheels_folder_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "project").mkdir()
-    (tmp_path / "project" / "thesis.tex").touch()
-    monkeypatch.setattr(sys, "argv", ["kernel_wheels.py", str(tmp_path)])
-    for work in ("compiled", "compiled_from"):
-        monkeypatch.setattr(kernel_wheels, work, lambda *_: None)
-    monkeypatch.setattr(
-        kernel_wheels, "wheel", lambda kept, kind, project, output: (output / kind.processor).write_text("wheel")
-    )
-    kernel_wheels.main()
-    files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {"project/thesis.tex", "x86-64-v3", "generic"}
 
 
 @pytest.mark.slow

@@ -147,19 +147,3 @@ def test_every_command_that_opens_a_recording_can_be_asked(
         assert "--follow-links" in " ".join(capsys.readouterr().err.split())
         main(["calibrate", calibration, "recording", "-o", file, *asked])
         assert "--follow-links" not in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", ["run", "view", "convert"])
-def test_a_name_is_printed_as_it_is_and_no_terminal_obeys_it(
-    folder: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Brackets ended the command as markup, escape sequences reached the terminal."""
-    monkeypatch.chdir(folder.parent)
-    about = (folder / "sequence.yaml").read_text().splitlines()
-    named = ['name: "a [b] [/] \\e]0;c\\a"', *(line for line in about if not line.startswith("name:"))]
-    (folder / "sequence.yaml").write_text("\n".join(named) + "\n")
-    assert main([command, str(folder), *(["copy"] if command == "convert" else [])]) == 0
-    said = "".join(capsys.readouterr())
-    assert "a [b] [/]" in said
-    assert "\x1b]" not in said

@@ -17,14 +17,13 @@ from syrupy.assertion import SnapshotAssertion
 from touchline import palette
 from touchline.evaluation.estimates import EstimateTable, read_estimates
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
-from touchline.evaluation.report import Picture, path_key, write_report
+from touchline.evaluation.report import Picture, write_report
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.evaluation.summary import Durations, Latency, RunSummary, SaidPhrase
 from touchline.evaluation.timeline import (
     MAX_ROWS,
-    axis_limit,
     dot_colors,
     error_charts,
     latency_tree,
@@ -33,9 +32,8 @@ from touchline.evaluation.timeline import (
     shown_rows,
 )
 from touchline.field import open_field
-from touchline.types import Estimate, Frame, Hypothesis, Mode, Samples, Status
+from touchline.types import Samples, Status
 
-MODE_NAMES = {Mode.OMNIVISION: "omnivision", Mode.BOTH: "both", Mode.ODOMETRY: "odometry"}
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
 
@@ -178,34 +176,6 @@ def test_every_colour_of_the_page_is_defined_by_day_and_night(page: str) -> None
     assert f"--tracking:{palette.BLUE}" in day
 
 
-def test_text_from_the_recording_is_escaped(page: str) -> None:
-    assert "walk &lt;1&gt;" in page
-    assert "Black &amp; white" in page
-    assert "imu.csv, line 9: &lt;gap&gt;" in page
-
-
-def test_a_robot_that_was_never_located_has_no_path_and_no_error_curve(tmp_path: Path) -> None:
-    page, _ = write(tmp_path, searching=30, why_no_errors="no frame is left: the robot was never located")
-    assert "<p>No frame is left: the robot was never located.</p>" in page
-    assert "holds no truth" not in page
-    assert "The truth alone" in page
-    assert not any(chart["title"].startswith("Error") for chart in page_data_of(page)["charts"])
-    assert "first located" not in page
-
-
-def test_probabilities_are_told_where_a_system_knows_them(tmp_path: Path) -> None:
-    class Unsure(FakeSystem):
-        def step(self, frame: Frame) -> Estimate:
-            estimate = super().step(frame)
-            twin = Hypothesis(estimate.pose.mirrored(), 0.02, 0.125)
-            return replace(estimate, probability=0.875, hypotheses=(twin,))
-
-    assert "probability" not in write(tmp_path / "silent")[0]
-    page, _ = write(tmp_path / "told", system=Unsure(np.random.default_rng(0)))
-    assert "probability of the pose, median</dt><dd>87.5<span> %" in page
-    assert "probability of its twin, median</dt><dd>12.5<span> %" in page
-
-
 def test_protection_levels_statistics_and_named_faults_are_drawn(tmp_path: Path, page: str) -> None:
     shown, errors = write(tmp_path, system=WatchedSystem(np.random.default_rng(0)))
     assert errors is not None
@@ -250,24 +220,6 @@ def test_curves_start_where_the_robot_was_first_located() -> None:
     np.testing.assert_allclose(errors.values[:, 0], np.arange(5.0, 20.0))
     assert run_data(20, 20, []).errors_since_located() is None
     assert dot_colors(data).tolist() == [None] * 5 + ["tracking"] * 15
-
-
-def with_modes(data: RunData) -> RunData:
-    """The same, fused in every mode in turn, lost in the last rows."""
-    rows = len(data.table)
-    modes = (np.arange(rows) % len(Mode)).astype(np.int8)
-    status = data.table.status.copy()
-    status[-2:] = list(Status).index(Status.LOST)
-    return replace(data, table=replace(data.table, mode=modes, status=status))
-
-
-def test_the_key_of_the_path_names_every_colour_that_is_drawn() -> None:
-    data = run_data(20, 5, [])
-    assert path_key(data) == [("truth", "truth"), ("tracking", "tracking"), ("first located", "first-located")]
-    fused = with_modes(data)
-    shown = [("truth", "truth"), *((mode.value, name) for mode, name in MODE_NAMES.items()), ("lost", "lost")]
-    assert sorted(path_key(fused)) == sorted([*shown, ("first located", "first-located")])
-    assert {name for _, name in shown} == {"truth", *filter(None, dot_colors(fused))}
 
 
 def test_black_stretches_are_shaded_and_their_errors_left_out() -> None:
@@ -318,16 +270,6 @@ def test_events_that_the_recording_tells_are_marked_from_the_first_frame_on() ->
     data = RunData(late, open_field("msl-18x12"), events=told)
     assert [tuple(event) for event in data.happened()] == [(0.5, "kidnap"), (1.0, "slip")]
     assert [event["label"] for event in tree_of(data)["events"]] == ["kidnap", "shove"]
-
-
-def test_one_kidnap_does_not_flatten_the_curves() -> None:
-    chart = error_charts(kidnapped(), np.arange(40))[0]
-    assert chart.calm is not None
-    limit, largest = axis_limit(chart)
-    assert limit < 1000.0
-    assert largest is None or largest == pytest.approx(400.0)
-    calm = replace(chart, curves=[chart.curves[0]._replace(values=np.where(chart.calm[0], 1.0, 400.0), two_sigma=None)])
-    assert axis_limit(calm) == (pytest.approx(1.6), pytest.approx(400.0))
 
 
 @pytest.mark.parametrize("odd", [np.inf, np.nan])

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pyarrow.parquet
@@ -123,25 +122,6 @@ def test_what_was_killed_is_resumed_and_no_row_is_lost_or_twice(season: Path, tm
     assert list(rows_of(tmp_path / "out")) == ["broken", *NAMES]
     assert (tmp_path / "out" / NAMES[0] / "summary.json").stat().st_mtime_ns == before
     assert len((tmp_path / "out" / NAMES[1] / "trajectory.tum").read_text().splitlines()) == 20
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
-def test_one_worker_that_is_interrupted_leaves_no_row(season: Path, tmp_path: Path, kind: str) -> None:
-    script = tmp_path / "interrupted.py"
-    script.write_text(
-        "import os, signal, sys\nfrom touchline.cli import main\n"
-        "from touchline.published.nubot_mti.system import NubotMti\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\nstep, steps = NubotMti.step, []\n"
-        "def stopped(self, frame):\n    steps.append(frame)\n    if len(steps) == 5:\n"
-        f"        os.kill(os.getpid(), signal.{kind})\n    return step(self, frame)\n"
-        "NubotMti.step = stopped\nsys.exit(main())\n"
-    )
-    given = ["season", str(season / "games" / NAMES[1]), "-o", str(tmp_path / "out"), "--workers", "1"]
-    given += ["--system", "nubot-mti"]
-    ended = subprocess.run([sys.executable, str(script), *given], stderr=subprocess.PIPE, timeout=60, check=False)
-    assert (ended.returncode, ended.stderr.decode().splitlines()[-1]) == (130, "error: interrupted")
-    assert rows_of(tmp_path / "out") == {}
 
 
 def test_only_the_same_command_resumes(
@@ -298,31 +278,3 @@ def test_a_worker_that_is_killed_is_reported_and_the_next_tasks_are_done() -> No
         with pytest.raises(TouchlineError, match="a worker was killed"):
             list(workers.map(end_itself, range(12)))
         assert sorted(workers.map(abs, range(-3, 3), ordered=False)) == [0, 1, 1, 2, 2, 3]
-
-
-@pytest.mark.slow
-def test_workers_end_with_who_started_them(tmp_path: Path) -> None:
-    script = tmp_path / "killed.py"
-    script.write_text(
-        "import os, signal\nfrom touchline.evaluation.workers import open_workers\n"
-        "if __name__ == '__main__':\n    with open_workers(2) as workers:\n"
-        "        print(list(workers.map(abs, [-7])), flush=True)\n        os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    # its output ends when the last process that has it ends
-    said = subprocess.run([sys.executable, str(script)], stdout=subprocess.PIPE, timeout=60, check=False)
-    assert (said.returncode, said.stdout) == (-signal.SIGKILL, b"[7]\n")
-
-
-@pytest.mark.slow
-def test_ctrl_c_does_not_wait_for_what_workers_have_at_hand(tmp_path: Path) -> None:
-    script = tmp_path / "interrupted.py"
-    script.write_text(
-        "import os, signal, threading, time\nfrom touchline.evaluation.workers import open_workers\n"
-        "if __name__ == '__main__':\n    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "    with open_workers(2) as workers:\n        for _ in workers.map(time.sleep, [0, 100, 100]):\n"
-        "            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
-    )
-    begun_s = time.monotonic()
-    ended = subprocess.run([sys.executable, str(script)], stderr=subprocess.PIPE, timeout=90, check=False)
-    assert ended.stderr.rstrip().endswith(b"KeyboardInterrupt")
-    assert time.monotonic() - begun_s < 80.0

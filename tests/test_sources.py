@@ -77,14 +77,6 @@ def test_each_frame_carries_the_samples_since_the_frame_before(folder: Path) -> 
     np.testing.assert_array_equal(odometry.values, expected[:, 1:])
 
 
-def test_a_sample_at_the_stamp_of_an_image_belongs_to_that_image(folder: Path) -> None:
-    first, second, *_ = open_source(folder)
-    assert first.wheels is not None
-    assert second.wheels is not None
-    assert first.wheels.stamp_ns[-1] == first.stamp_ns
-    assert second.wheels.stamp_ns[0] == first.stamp_ns + 20_000_000
-
-
 def test_imu_columns_become_gyro_compass_and_tilt(folder: Path) -> None:
     frame = next(iter(open_source(folder)))
     assert frame.gyro is not None
@@ -129,19 +121,6 @@ def test_only_images_and_sequence_are_needed(folder: Path) -> None:
         _ = source.camera
 
 
-def test_a_source_can_be_read_again_and_in_part(folder: Path) -> None:
-    source = open_source(folder)
-    partly = iter(source)
-    next(partly)
-    first, second = list(source), list(source)
-    assert next(partly).stamp_ns == 200_000_000
-    for one, other in zip(first, second, strict=True):
-        assert one.image is not None
-        assert other.image is not None
-        np.testing.assert_array_equal(one.image, other.image)
-        np.testing.assert_array_equal(one.odometry.values, other.odometry.values)  # type: ignore[union-attr]
-
-
 def test_a_single_image_can_be_asked_for(folder: Path) -> None:
     source = open_source(folder)
     frames = list(source)
@@ -165,13 +144,6 @@ def test_truth_is_found_by_index_and_by_time(folder: Path) -> None:
 def test_a_field_file_beside_the_recording_counts_more_than_the_name(folder: Path, small_data: Path) -> None:
     shutil.copyfile(small_data / "omni_9x6_points" / "field.yaml", folder / "field.yaml")
     assert open_source(folder).field.length == 9.0
-
-
-def test_the_camera_file_beside_the_recording_is_opened(tmp_path: Path, small_data: Path) -> None:
-    source = open_source(small_data / "omni_msl_track")
-    assert source.camera_kind == "omni"
-    assert source.camera_file == small_data / "omni_msl_track" / "camera.yaml"
-    assert source.camera.width == 480
 
 
 def test_without_a_nominal_rate_the_median_one_is_taken_and_reported(tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from touchline.checks.findings import Severity
 from touchline.errors import InputError
 from touchline.sources import ProblemKind, open_source
 from touchline.sources.problems import KEPT_PER_KIND
-from touchline.types import Frame
 
 Damage = Callable[[Path], object]
 
@@ -232,13 +231,6 @@ def test_a_broken_image_is_reported_and_survived(folder: Path, case: str) -> Non
     assert (problem.file, problem.line, problem.frame, problem.message) == ("images.csv", 5, 3, frames[3].problem)
 
 
-def test_a_jpeg_padded_with_zeros_is_whole(folder: Path) -> None:
-    with (folder / IMAGE).open("ab") as file:
-        file.write(bytes(700))
-    source = open_source(folder)
-    assert all(frame.image is not None for frame in source)
-
-
 @pytest.mark.parametrize("filling", [b"", NOISE * 4])
 def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, small_data: Path, filling: bytes) -> None:
     """OpenCV decodes these: an upper half that is right, below it a picture of its own."""
@@ -247,14 +239,6 @@ def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, small_data: Path,
     (folder / IMAGE).write_bytes(data[:middle] + filling + data[middle + 4000 :])
     assert cv2.imread(str(folder / IMAGE)) is not None
     assert "is a damaged JPEG file" in (list(open_source(folder))[3].problem or "")
-
-
-def test_damage_is_seen_behind_a_padded_header(folder: Path) -> None:
-    data = (folder / IMAGE).read_bytes()
-    (folder / IMAGE).write_bytes(data[:2] + b"\xff\xff" + data[2:])
-    assert all(frame.image is not None for frame in open_source(folder))
-    (folder / IMAGE).write_bytes(data[:2] + b"\xff\xff" + data[2:-2])
-    assert "is a JPEG file that ends early" in (list(open_source(folder))[3].problem or "")
 
 
 def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
@@ -267,13 +251,6 @@ def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
     cut(IMAGE, 0.8)(folder)
     source = open_source(folder)
     assert "is a JPEG file that ends early" in (list(source)[3].problem or "")
-
-
-def test_a_gray_image_is_given_as_bgr(folder: Path) -> None:
-    image_of(IMAGE, (32, 48), np.uint8)(folder)
-    image = list(open_source(folder))[3].image
-    assert image is not None
-    assert image.shape == (32, 48, 3)
 
 
 def test_images_have_to_be_of_the_size_in_camera_yaml(folder: Path) -> None:
@@ -335,14 +312,6 @@ def test_a_sensor_that_starts_late_and_ends_early_is_reported(folder: Path) -> N
     ]
 
 
-def test_a_slow_sensor_has_no_gaps(folder: Path) -> None:
-    lines = (folder / "imu.csv").read_text().splitlines()
-    (folder / "imu.csv").write_text("\n".join([lines[0], *lines[1::8]]))  # every 0.16 s
-    source = open_source(folder)
-    list(source)
-    assert source.problems.total == 0
-
-
 def test_a_clock_set_back_leaves_out_as_few_rows_as_possible(folder: Path) -> None:
     lines = (folder / "imu.csv").read_text().splitlines()
     repeated = lines[:21] + lines[11:]  # the ten rows from 0.20 s on come twice
@@ -374,17 +343,6 @@ def test_a_broken_image_row_is_left_out_and_reported_with_its_line(folder: Path,
     frames = list(source)
     assert len(source) == len(frames) == 7
     assert [frame.name[-5] for frame in frames] == list("0124567")
-
-
-def test_a_broken_exposure_costs_the_exposure_only(folder: Path) -> None:
-    edit_line(folder / "images.csv", 5, 2, "long")
-    edit_line(folder / "images.csv", 6, 3, "-1")
-    source = open_source(folder)
-    frames = list(source)
-    assert [frame.exposure_ms for frame in frames[2:5]] == [12.0, None, 12.0]
-    assert [frame.gain for frame in frames[2:5]] == [1.7, 1.7, None]
-    assert [problem.line for problem in source.problems] == [5, 6]
-    assert all(frame.image is not None for frame in frames)
 
 
 TRUTHS: dict[str, tuple[Damage, ProblemKind, str]] = {
@@ -436,14 +394,3 @@ def test_all_problems_are_counted_and_the_first_of_each_kind_kept(folder: Path) 
     assert len(problems) == KEPT_PER_KIND + 2  # the image, and the first of the second file
     assert "2000 × broken row" in problems.summary()
     assert "1 × missing image" in problems.summary()
-
-
-def test_problems_are_those_of_opening_and_of_the_latest_pass(folder: Path) -> None:
-    edit_line(folder / "images.csv", 5, 2, "long")
-    (folder / IMAGE).unlink()
-    source = open_source(folder)
-    assert source.problems.total == 1
-    for _ in range(2):
-        frames: list[Frame] = list(source)
-        assert len(frames) == 8
-        assert source.problems.counts == {ProblemKind.BROKEN_ROW: 1, ProblemKind.MISSING_IMAGE: 1}

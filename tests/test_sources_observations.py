@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-import shutil
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from touchline.api import prepare
 from touchline.checks.check import check_recording
 from touchline.errors import InputError
 from touchline.sources import ProblemKind, Recording, open_source
@@ -165,20 +162,6 @@ def test_observations_beside_images_come_with_them(tmp_path: Path) -> None:
     assert source.problems.counts[ProblemKind.SENSOR_FILE] == 1
 
 
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
-    rows = [f"{0.1 * k:.1f},point,{j * 0.01:.24f},1" + "," * 11 for k in range(150) for j in range(200)]
-    recording(tmp_path, rows)
-    tracemalloc.start()
-    try:
-        frames = sum(1 for frame in open_source(tmp_path) if frame.observation and len(frame.observation.points) == 200)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert frames == 150
-    assert peak < 1_500_000 < 2 * (tmp_path / "observations.csv").stat().st_size
-
-
 def test_a_recording_without_images_is_checked_and_has_nothing_to_draw_on(tmp_path: Path) -> None:
     source = recording(tmp_path, observation_rows(everything()))
     assert (source.camera_kind, source.has_images, len(source)) == ("none", False, 1)
@@ -206,24 +189,3 @@ def test_the_pose_of_the_camera_is_interpolated(tmp_path: Path) -> None:
     assert far is None
     assert after is not None
     assert source.problems.counts[ProblemKind.SENSOR_GAP] == 1
-
-
-def test_observations_beside_images_of_a_perspective_camera_are_all_that_a_run_needs(tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(Path(__file__).parent / "data" / "humanoid_9x6_walk", tmp_path / "walk"))
-    source = open_source(folder)
-    assert source.truth is not None
-    lines = np.concatenate(source.field.polylines(0.25))
-    rows = [HEADER]
-    for stamp_ns in source.image_stamps[:12]:
-        seen = source.truth.nearest(int(stamp_ns)).inverse().transform(lines)
-        seen = seen[(seen[:, 0] > 0.3) & (np.hypot(*seen.T) < 5.0)]
-        rows += [f"{stamp_ns / 1e9:.9f},point,{x:.4f},{y:.4f}" + "," * 11 for x, y in seen]
-    (folder / "observations.csv").write_text("\n".join(rows) + "\n")
-    assert prepare(folder).system.detector is None
-    look = look_at_recording(folder, 10)
-    assert len(look.observation.points) > 50
-    assert list(look.stages()) == ["original", "bird's-eye view", "overlay"]
-    assert ("camera", "ok") in {(finding.check, finding.severity.value) for finding in check_recording(folder)}
-    (folder / "observations.csv").unlink()
-    with pytest.raises(InputError, match="omnidirectional"):
-        prepare(folder, "nubot-mti")

@@ -146,18 +146,6 @@ def test_no_value_in_sequence_yaml_ends_in_a_traceback(
         assert opened.rate_hz > 0
 
 
-@settings(max_examples=30, deadline=None)
-@given(key=st.sampled_from(["model", "width", "height"]), value=values_of_any_kind)
-def test_no_value_in_camera_yaml_ends_in_a_traceback(
-    described: Callable[[str, dict[str, object]], Path], key: str, value: object
-) -> None:
-    opened = opened_or_refused(described("camera.yaml", {key: value}))
-    if isinstance(opened, str):
-        assert "camera.yaml" in opened
-    else:
-        assert len(list(opened)) == 2
-
-
 def repeat_images(folder: Path, frames: int) -> Path:
     """The same few images over and over, with sensors to match."""
     rows = [f"{0.1 * index + 0.1:.4f},images/{index % 4:06d}.jpg,12,1.7" for index in range(frames)]
@@ -191,16 +179,3 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
     held_long, peak_long = peak_of_reading(long)
     assert peak_long < peak_short + 50_000
     assert held_long - held_short < 64 * 1200  # a list of stamps, not of frames
-
-
-def test_a_sensor_of_many_rows_is_read_in_blocks(tmp_path: Path) -> None:
-    write_sensors(tmp_path, 40_000)
-    table = open_table(tmp_path / "imu.csv", ["t", "yaw"])
-    tracemalloc.start()
-    try:
-        rows = sum(len(part) for part in SensorStream(table, ("yaw",), ProblemLog()))
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert rows == 40_000
-    assert peak < 1_500_000  # the file itself holds 1.6 MB, its rows as Python numbers five times that
