@@ -18,15 +18,13 @@ from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_reco
 from touchline.calibration.colour import calibrate_marked
 from touchline.camera import open_camera
 from touchline.checks.check import check_recording
-from touchline.cli.fields import _parse_letters
-from touchline.cli.run import parse_pose
 from touchline.config import Settings, load_settings, settings_tree
 from touchline.evaluation import evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import robot_setup, run_frames
 from touchline.evaluation.summary import RunSummary
-from touchline.field import field_from_letters, open_field
+from touchline.field import open_field
 from touchline.files.images import read_image
 from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
@@ -55,7 +53,6 @@ def all_readers(workplace: Path) -> list[Reader]:
         *_runs(workplace),
         *_single_files(workplace),
         *_images(workplace),
-        *_texts(workplace),
         *_whole_ways(workplace),
         *bag_readers(workplace),
         *loose_readers(workplace),
@@ -206,29 +203,6 @@ def _images(workplace: Path) -> list[Reader]:
     return [
         Reader(f"image {ending}", folder / f"image{ending}", [data, deep, progressive], read_image)
         for ending, data in made.items()
-    ]
-
-
-def _texts(workplace: Path) -> list[Reader]:
-    """Arguments of commands, a line of a file each: they are read as text, not as paths."""
-    folder = new_folder(workplace, "texts")
-    model = SYSTEMS["nubot-mti"].settings
-
-    def words(path: Path) -> list[str]:
-        return path.read_text(encoding="utf-8", errors="surrogateescape").splitlines()[:20]
-
-    def letters(path: Path) -> None:
-        field_from_letters("mine", _parse_letters(words(path)), "msl-22x14", "edge")
-
-    return [
-        Reader(
-            "--set",
-            folder / "set.txt",
-            [b"matching.c_m=0.3\nlearning={frames: 3}"],
-            lambda p: load_settings(model, None, words(p)),
-        ),
-        Reader("--start", folder / "start.txt", [b"-3,1.5,0.2"], lambda p: parse_pose("".join(words(p)))),
-        Reader("letters", folder / "letters.txt", [b"A=18\nB=12\nC=6.5\nK=0.125"], letters, 0.5),
     ]
 
 

@@ -12,8 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from foreign_bags import EPOCH_NS, Image, Message, Types, cloud, compressed, foreign_messages, raw, write_foreign
-from mcap.reader import make_reader
-from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from small_recordings import borrow
 
@@ -179,27 +177,3 @@ def test_a_definition_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             Topic("/name", name, "cdr", MessageDefinition(MessageDefinitionFormat.MSG, "string data"), 1), STRING
         )
     assert list(tmp_path.iterdir()) == []
-
-
-def test_service_events_are_passed_over(robot: Recording, tmp_path: Path) -> None:
-    """rosbags cannot resolve their definitions, which no role needs."""
-    types, kind = Types(), "std_srvs/srv/Trigger_Event"
-    path = write_foreign(tmp_path / "robot.mcap", foreign_messages(robot, types, BGR8, "/front/image_raw"), types)
-    event = "service_msgs/ServiceEventInfo info\nstd_srvs/Trigger_Request[<=1] request\n"
-    with path.open("rb") as old, (tmp_path / "events.mcap").open("wb") as new:
-        writer, channels = McapWriter(new), {}
-        writer.start(profile="ros2")
-        events = writer.register_channel(
-            "/stop/_service_event", "cdr", writer.register_schema(kind, "ros2msg", event.encode())
-        )
-        for schema, channel, message in make_reader(old).iter_messages():
-            assert schema is not None
-            if channel.topic not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
-            writer.add_message(events, message.log_time, bytes(20), message.log_time)
-            writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time)
-        writer.finish()
-    read = open_source(tmp_path / "events.mcap", options=FIELD)
-    assert [str(problem) for problem in read.problems] == []
-    assert len(list(read)) == len(robot)

@@ -225,8 +225,6 @@ def test_what_the_system_refuses_is_told_as_it_says(recording: Path, capsys: pyt
     assert "error: these points fit nothing\n" in told(capsys)[1]
 
 
-
-
 def test_a_full_disk_is_told_in_one_line() -> None:
     with Path("/dev/full").open("w") as file:
         done = subprocess.run(

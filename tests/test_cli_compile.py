@@ -89,6 +89,7 @@ def test_a_first_start_says_once_what_it_waits_for() -> None:
     assert any("@cfunc." in code for code in thrice.inspect_llvm().values())
 
 
+@pytest.mark.slow
 def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
     """Numba then keeps its cache in a folder of the user's, or in NUMBA_CACHE_DIR."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -97,6 +98,7 @@ def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
     assert list((tmp_path / "cache").rglob("*.nbi"))
 
 
+@pytest.mark.slow
 def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path: Path) -> None:
     (tmp_path / "loops.py").write_text(
         "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"

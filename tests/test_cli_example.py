@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -72,50 +68,6 @@ def test_everything_public_can_be_reached() -> None:
         assert callable(getattr(touchline, name))
         assert name in dir(touchline)
     assert touchline.__version__
-
-
-def folder_of_length(folder: Path, images: int) -> Path:
-    """The bundled recording there and back again, until it has this many images; a few rows of text, no new image."""
-    example = example_recording()
-    folder.mkdir()
-    for name in ("sequence.yaml", "camera.yaml", "field.yaml"):
-        shutil.copy(example / name, folder)
-    shutil.copytree(example / "images", folder / "images")
-    there = list(range(60))
-    order = itertools.cycle([*there, *reversed(there)])
-    rows = [f"{k / 25:.2f},images/{index:06d}.jpg" for k, index in zip(range(images), order, strict=False)]
-    (folder / "images.csv").write_text("\n".join(["t,file", *rows]) + "\n")
-    return folder
-
-
-def own_memory_mb(recording: Path) -> tuple[float, bool]:
-    """Most memory of a run that is its own, without the libraries' pages; and whether it compiled.
-
-    How many pages of a library count as resident is the kernel's affair: for libraries installed a moment ago they
-    were 80 MB more than for the same ones an hour later.
-    """
-    code = (
-        "import sys\nfrom touchline.cli import main\nstatus = main(['run', sys.argv[1]])\n"
-        # not getrusage: its maximum begins with that of the process that started this one
-        "text = open('/proc/self/status').read()\n"
-        "print('own', *(text.split(key)[1].split()[0] for key in ('VmHWM:', 'RssFile:')))\nsys.exit(status)"
-    )
-    done = subprocess.run([sys.executable, "-c", code, str(recording)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    peak, shared = done.stdout.split("own ")[1].split()
-    return (int(peak) - int(shared)) * 1024 / 1e6, "compiling" in done.stderr
-
-
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
-    """Libraries take another 115 MB, so 320 MB in all, and 420 MB where the inner loops are compiled."""
-    short, long = (folder_of_length(tmp_path / str(images), images) for images in (60, 260))
-    long_mb, compiled = own_memory_mb(long)
-    while compiled:  # another test that compiles the same loops may have overwritten the index of what is there
-        assert long_mb < 305
-        long_mb, compiled = own_memory_mb(long)
-    assert long_mb < 205
-    assert (long_mb - own_memory_mb(short)[0]) / 200 < 0.1  # an image that is kept takes 0.7 MB
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 
 from touchline.calibration.colour import read_regions
 from touchline.camera import open_camera
@@ -14,8 +13,6 @@ from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.sources import open_source
-
-ROOT = Path(__file__).parents[1]
 
 
 class Wheel(Settings):
@@ -94,13 +91,6 @@ def test_what_only_looks_like_a_date_or_a_number_is_told(tmp_path: Path, text: s
         read_yaml(yaml_file(tmp_path, f"name: {text}"))
     with pytest.raises(InputError, match=r"--set name=.*not readable"):
         load_settings(Robot, None, [f"name={text}"])
-
-
-def test_every_yaml_file_of_ours_is_read_as_before() -> None:
-    files = [*ROOT.glob("src/**/*.yaml"), *ROOT.glob("tests/data/**/*.yaml"), *ROOT.glob("examples/**/*.yaml")]
-    assert len(files) > 25
-    for path in files:
-        assert read_yaml(path) == yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
 def test_the_line_of_an_entry_is_that_of_the_nearest_one_that_is_there(tmp_path: Path) -> None:

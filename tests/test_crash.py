@@ -67,6 +67,7 @@ def cut(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_no_row(tmp_path: Path) -> None:
     program = (
         "import os, signal, sys\nsys.path[:0] = sys.argv[1:2]\n"

@@ -103,7 +103,7 @@ def test_what_cannot_be_meant_is_refused_and_nothing_written(
 def test_letters_are_drawn_unless_unwanted(tmp_path: Path) -> None:
     lettered, plain = tmp_path / "letters.png", tmp_path / "plain.png"
     answer("show", "hsl-m-14x9", "-o", str(lettered))
-    answer("--no-letters", "-o", str(plain), "hsl-m-14x9")  # options may stand before the name
+    answer("--output", str(plain), "hsl-m-14x9", "--no-letters")  # options may stand before the name
     first, second = cv2.imread(str(lettered)), cv2.imread(str(plain))
     assert 0.01 < (first != second).any(axis=2).mean() < 0.1
 

@@ -9,18 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
-from foreign_bags import Types, foreign_messages, raw
-from small_recordings import borrow
 from team_writing import TeamMessages
 
 from touchline.geometry import Pose3
-from touchline.live.heard import Described, Heard, Picture, Reading, Sight, Start
+from touchline.live.heard import Picture, Reading, Sight, Start
 from touchline.live.ros_link import UNUSABLE
 from touchline.live.ros_reader import FIXED_TOPICS, RosReader
 from touchline.live.ros_writer import RosWriter
-from touchline.localizer import Localizer
-from touchline.sources import open_source
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.result_messages import Outgoing
 from touchline.sources.bags.roles import ROLES
@@ -28,7 +23,6 @@ from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Crossings, Evidence, Observation, generic_covariances, points_at
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-BGR8 = raw("bgr8", lambda pixels: pixels)
 
 
 def test_mutated_messages_do_no_harm() -> None:
@@ -92,36 +86,3 @@ def test_initialpose_is_a_start_with_the_covariance_of_the_plane() -> None:
 def test_an_imu_without_orientation_is_no_compass() -> None:
     message = RosWriter(Codec())._make.imu(1, (math.nan,) * 3, (0.1, 0.2, 0.3))
     assert list(RosReader().read("imu", message, with_compass=True)) == [Reading("gyro", 1, (0.1, 0.2, 0.3))]
-
-
-@pytest.mark.slow
-def test_camera_info_and_transforms_are_the_camera_and_the_odometry(small_data: Path, tmp_path: Path) -> None:
-    """A robot that speaks by rosbags' own codec: TF at every step, CameraInfo, no odometry topic."""
-    source = open_source(borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=3))
-    types, reader = Types(), RosReader()
-    reader.odometry_by_transforms = True
-    heard: list[Heard] = []
-    kinds = {"/tf": "tf", "/tf_static": "tf", "/front/camera_info": "camera_info", "/front/image_raw": "image"}
-    for time_ns, topic, kind, message in foreign_messages(source, types, BGR8, "/front/image_raw"):
-        if topic == "/robot/odom":
-            place, turn = message.pose.pose.position, message.pose.pose.orientation
-            pose = Pose3.from_roll_pitch_yaw(0.0, 0.0, 2.0 * math.atan2(turn.z, turn.w), (place.x, place.y, 0.0))
-            moved = types.transforms(types.transform(time_ns, "odom", "base_footprint", pose))
-            topic, kind, message = "/tf", "tf2_msgs/msg/TFMessage", moved
-        if topic in kinds:
-            data = bytes(types.store.serialize_cdr(message, kind))
-            heard += reader.read(kinds[topic], Codec().decode(Topic(topic, kind, "cdr", None, 1), data))
-    (described,) = (each for each in heard if isinstance(each, Described))
-    assert described.camera.fx == pytest.approx(source.camera.fx)
-    first = heard.index(described)
-    assert not any(isinstance(each, Sight) for each in heard[:first])
-    assert sum(isinstance(each, Reading) and each.sensor == "odometry" for each in heard) > 10
-    localizer = Localizer(source.field)
-    localizer.reset(own_half=True)
-    localizer.use_camera(described.camera)
-    sight = next(each for each in heard if isinstance(each, Sight))
-    assert isinstance(sight.image, np.ndarray)
-    found = localizer.localize(sight.stamp_ns, image=sight.image, base_from_camera=sight.base_from_camera)
-    assert found.points > 0
-    assert found.pose.x < 0.0
-    assert localizer.problems == {}

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +11,7 @@ from typing import Any
 import fake_rclpy
 import numpy as np
 import pytest
-from fake_rclpy import Durability, Node, Publisher, Reliability, Ros
-from foreign_bags import EPOCH_NS, Types, compressed, foreign_messages
-from small_recordings import borrow
+from fake_rclpy import Durability, Node, Reliability, Ros
 from team_writing import BOOSTER_TYPES, TeamMessages
 
 from touchline.cli import main
@@ -23,12 +19,9 @@ from touchline.field import open_field
 from touchline.geometry import Pose, Pose3
 from touchline.live import ros_link, ros_node
 from touchline.live.heard import Heard, Picture, Published, Reading, Sight
-from touchline.live.loop import LiveLoop
 from touchline.live.ros_link import RosLink, RosOptions, RosRobot
 from touchline.live.ros_node import RosNode
 from touchline.live.ros_writer import RosWriter
-from touchline.localizer import Localizer
-from touchline.sources import open_source
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import (
@@ -247,54 +240,6 @@ def test_without_stamps_the_time_is_that_of_clock_where_there_is_one(ros: Ros) -
     (reading,) = heard_by(link, bool)
     assert isinstance(reading, Reading)
     assert reading.stamp_ns == 12_000_000_005
-    link.close()
-
-
-@contextmanager
-def humanoid(ros: Ros, folder: Path, camera_info: bool = True) -> Iterator[None]:
-    """A node that offers CameraInfo, TF and images, but no odometry topic; it publishes once they are read."""
-    node, types, publishers = ros.create_node("humanoid"), Types(), dict[str, Publisher]()
-    messages: list[tuple[int, Publisher, bytes]] = []
-    image = compressed("jpeg", ".jpg")
-    for time_ns, topic, kind, message in foreign_messages(open_source(folder), types, image, "/head/image"):
-        if topic == "/robot/odom":
-            place, turn = message.pose.pose.position, message.pose.pose.orientation
-            pose = Pose3.from_roll_pitch_yaw(0.0, 0.0, 2.0 * np.arctan2(turn.z, turn.w), (place.x, place.y, 0.0))
-            message = types.transforms(types.transform(time_ns, "odom", "base_footprint", pose))
-            topic, kind = "/tf", "tf2_msgs/msg/TFMessage"
-        if topic not in publishers:
-            publishers[topic] = node.offer(topic, kind, latched=topic == "/tf_static")
-        if camera_info or topic != "/front/camera_info":
-            messages.append((time_ns, publishers[topic], bytes(types.store.serialize_cdr(message, kind))))
-
-    def publish() -> None:
-        ends_s = time.monotonic() + 10.0
-        while not all(each.get_subscription_count() for each in publishers.values()) and time.monotonic() < ends_s:
-            time.sleep(0.01)
-        before_ns = EPOCH_NS
-        for time_ns, publisher, data in messages:
-            time.sleep(max(1e-9 * (time_ns - before_ns), 0.0))
-            before_ns = time_ns
-            publisher.publish(data)
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    thread.join()
-
-
-@pytest.mark.slow
-def test_a_humanoid_needs_no_camera_yaml(ros: Ros, small_data: Path, tmp_path: Path) -> None:
-    """Its CameraInfo and TF are the camera and the odometry."""
-    folder = borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=10)
-    link, localizer = opened(), Localizer("hsl-s-9x6")
-    localizer.reset(own_half=True)
-    loop = LiveLoop(link, localizer)
-    ends_s = time.monotonic() + 400.0  # loops may have to be compiled
-    with humanoid(ros, folder):
-        loop.run(lambda: loop.counts["published"] == 10 or time.monotonic() > ends_s)
-    assert loop.counts["tracking"] >= 6, loop.counts
-    assert link.refused == {}
     link.close()
 
 

@@ -42,7 +42,7 @@ def test_numbered_images_with_a_rate_become_a_recording(images: Path, tmp_path: 
     assert (tmp_path / "r/images/000002.png").read_bytes() == (images / "img-2.png").read_bytes()
 
 
-@pytest.mark.parametrize(("name", "code"), [("walk.avi", "MJPG"), ("walk.mp4", "mp4v")])
+@pytest.mark.parametrize(("name", "code"), [("walk.mp4", "mp4v")])
 def test_a_video_becomes_a_recording_with_its_own_times(name: str, code: str, tmp_path: Path) -> None:
     writer = cv2.VideoWriter(str(tmp_path / name), cv2.VideoWriter.fourcc(*code), 25.0, (64, 48))
     for index in range(10):

@@ -9,7 +9,6 @@ import platform
 import re
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ import numba
 import pytest
 
 import touchline
-from touchline import matrices, packed_loops
 from touchline.cli import main
 from touchline.packed_loops import DESCRIPTION, PACKAGE, surroundings, take_packed_loops
 
@@ -80,21 +78,6 @@ def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_pa
     assert "matrices.inverse" not in kept
     assert use(site, tmp_path)[:4] == ["True", "1", "1", "1"]
     assert {path: path.stat().st_mtime_ns for path in site.rglob("*")} == before
-
-
-def test_a_cache_that_is_switched_off_stays_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """As Numba's own search has it."""
-    cache: Any = numba.core.caching.FunctionCache(matrices.inverse.py_func)
-    cached = numba.core.caching.FunctionCache
-    monkeypatch.setattr(cached, "_load_overload", cached._load_overload)
-    monkeypatch.setattr(packed_loops, "_taken", Counter())
-    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "load", lambda *_: "code")
-    monkeypatch.setattr(cache._impl, "rebuild", lambda target, found: found)
-    packed_loops._take_from(tmp_path, {"target": "any", "processor": "any"})
-    target = matrices.inverse.targetctx
-    assert cache.load_overload((), target) == "code"
-    cache.disable()
-    assert cache.load_overload((), target) is None
 
 
 @pytest.mark.slow
