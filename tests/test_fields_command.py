@@ -76,7 +76,6 @@ new lab --base nowhere
 new lab A=12 --output a.txt
 new lab A=12 --output mine.yaml
 spl-9x6 --output field.txt
-spl-9x6 --output mine.yaml/field.png
 --output all.png
 """
 

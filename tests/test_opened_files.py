@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
 import socket
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -19,10 +21,12 @@ from touchline.errors import InputError
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
+from touchline.files.arrays import stored_array
 from touchline.files.images import MEGAPIXELS_VARIABLE, image_size, jpeg_header, read_image
 from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.localization.one_shot.points_file import read_points
+from touchline.perception.colour import ColourModel
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.sources.decoding import decode_image
 from touchline.sources.tables import open_table
@@ -228,11 +232,6 @@ def test_how_large_an_image_may_be_can_be_set(tmp_path: Path, monkeypatch: pytes
 
 def colours_with(tmp_path: Path, name: str, data: bytes) -> Path:
     """A colour table of which one member holds something else."""
-    import io
-    import zipfile
-
-    from touchline.perception.colour import ColourModel
-
     model = ColourModel(np.zeros((64, 64, 64), np.uint8), np.zeros(3), np.zeros(3), 1.0, np.zeros(3))
     good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
     if not good.exists():
@@ -266,3 +265,11 @@ def test_an_archive_with_something_else_inside_is_refused(tmp_path: Path, data: 
     path = colours_with(tmp_path, "noise", data)
     with pytest.raises(InputError, match=rf"^{path}: .*{what}"):
         load_colours(path)
+
+
+def test_an_array_that_claims_gigabytes_is_not_made_room_for() -> None:
+    written = io.BytesIO()
+    with zipfile.ZipFile(written, "w") as archive:
+        archive.writestr("rows.npy", npy("(99999999999,)"))
+    with zipfile.ZipFile(written) as archive, pytest.raises(InputError, match="'rows' claims 799999999992 bytes"):
+        stored_array(archive, "rows", (None,), 1000)
