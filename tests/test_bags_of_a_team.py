@@ -12,7 +12,8 @@ import pytest
 from foreign_bags import EPOCH_NS, Image, Message, Types, foreign_messages, raw, write_foreign
 from small_recordings import borrow
 
-from touchline.checks.check import check_recording
+from touchline.checks.sensors import check_presence
+from touchline.checks.survey import take_survey
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.sources import BagOptions, Recording, open_source
@@ -101,7 +102,7 @@ def test_a_bag_with_an_imu_gets_a_note_how_to_name_a_compass(robot: Recording, t
     for _ in bag:
         pass
     assert [str(problem) for problem in bag.problems if "yaw" in str(problem)] == []
-    (note,) = (each for each in check_recording(bag) if "yaw" in each.what and each.check == "compass")
+    (note,) = (each for each in check_presence(take_survey(bag)) if "yaw" in each.what and each.check == "compass")
     assert (note.severity, note.where) == ("note", "/imu/data")
     assert "--topic compass=/imu/data" in note.advice
 
