@@ -1,4 +1,4 @@
-"""Readers of loose images, videos and odometry, and of what calibrations begin from."""
+"""Readers of loose images and odometry, and of what calibrations begin from."""
 
 from __future__ import annotations
 
@@ -8,28 +8,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 from fakes import CAMERA_YAML
-from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_recording
+from fuzz_reader import Reader, new_folder, read_recording
 
-from touchline.api import prepare
-from touchline.calibration.lines.calibration import calibrate_points
 from touchline.calibration.lines.pixels_file import image_size, read_pixels, rough_circle
 from touchline.calibration.marks import read_marks
 from touchline.calibration.perspective import (
     calibrate_camera,
-    chessboard_lens,
     lens_of,
     lens_of_marks,
     perspective_yaml,
 )
 from touchline.camera import PinholeCamera, open_camera
-from touchline.field import open_field
 from touchline.files.yaml_text import read_yaml_mapping
-from touchline.published.nimbro_lines.imu import calibrate_imu
-from touchline.sources import BagOptions, open_source
+from touchline.sources import BagOptions
 from touchline.sources.loose import LooseOptions, odometry_rows, open_loose, parse_columns
 from touchline.sources.to_folder import write_folder
 
-DATA = Path(__file__).parent / "data"
 _CAMERA = "camera.yaml"  # in the folder of loose images and videos, which is no recording
 _ODOMETRY = "theta_deg;stamp_ns;north;east\n" + "".join(
     f"{90 + k};{1_763_780_000_000_000_000 + 20_000_000 * k};{0.1 * k:.1f};2.5\n" for k in range(10)
@@ -47,24 +41,17 @@ mount: {x: 0.05, y: 0.0, z: 1.1, roll: 0.0, pitch: 0.5, yaw: 0.0}
 _CORRECTED = f"""{_PINHOLE}use_attitude: true
 imu_correction: {{matrix: [[0, 1, 0, 0, 0.1], [0, 0, 1, 0, 0]], reference: [0.01, 0.02]}}
 """
-_FEATURES = "t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,cov2_xy,cov2_yy,color,confidence\n"
-_FEATURES += "".join(
-    f"{k / 10},line,1.0,{0.5 - 0.1 * k},2.0,0.6,,0.01,0.001,0.02,0.01,0,0.02,,0.9\n"
-    f"{k / 10},{kind},{1.5 + 0.1 * k},-0.5,,,0.7,0.01,0,0.01,,,,,0.5\n{k / 10},point,1.0,0.5,,,,,,,,,,,\n"
-    for k, kind in enumerate(("L", "T", "X", "goal", "center", "pole"), start=1)
-)
 
 
 def loose_readers(workplace: Path) -> list[Reader]:
-    """Numbered images, a camera for them, a video, and odometry of any columns."""
+    """Numbered images, a camera for them, and odometry of any columns."""
     images = new_folder(workplace, "loose")
     for index in range(4):
         cv2.imwrite(str(images / f"img-{index}.png"), _picture(index))
     seed = (images / "img-2.png").read_bytes()
     (images / _CAMERA).write_text(_PINHOLE)
     described = BagOptions(field="msl-18x12", camera=images / _CAMERA)
-    camera, columns = new_folder(workplace, "loose-camera"), new_folder(workplace, "loose-columns")
-    odometry = new_folder(workplace, "loose-odometry")
+    camera, odometry = new_folder(workplace, "loose-camera"), new_folder(workplace, "loose-odometry")
 
     def with_image(path: Path) -> None:
         _converted(path.parent, workplace / "loose-1", LooseOptions(rate_hz=10.0), described)
@@ -76,24 +63,15 @@ def loose_readers(workplace: Path) -> list[Reader]:
         options = LooseOptions(10.0, path, "theta_deg=theta_deg,t_ns=stamp_ns,x=east,y=3", "1763780000.000000000")
         read_recording(open_loose(images, options, described))
 
-    def of_columns(path: Path) -> None:
-        lines = path.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
-        first = lines[1] if len(lines) > 1 else "0"
-        open_loose(images, LooseOptions(10.0, columns / "odometry.csv", lines[0] if lines else "", first), described)
-
     def bare(path: Path) -> None:
         list(odometry_rows(path, parse_columns("t_ms=1,x_mm=2,y_cm=3,theta=4")))
 
-    (columns / "odometry.csv").write_text(_ODOMETRY)
     cameras = [_PINHOLE.encode(), _CORRECTED.encode(), CAMERA_YAML.encode()]
-    text = b"theta_deg=theta_deg,t_ns=stamp_ns,x=east,y=3\n1763780000.000000000\n"
     return [
         Reader("numbered images", images / "img-2.png", [seed], with_image, 0.5),
         Reader("camera of images", camera / "camera.yaml", cameras, with_camera, 0.5),
         Reader("odometry of any columns", odometry / "odometry.csv", [_ODOMETRY.encode()], with_odometry, 1.0),
         Reader("odometry without a header", odometry / "bare.csv", [b"1 2 3 4\n5 6.5 7 8e0\n"], bare, 0.5),
-        Reader("--columns and --first-image-at", columns / "columns.txt", [text], of_columns, 0.3),
-        *_videos(workplace),
     ]
 
 
@@ -110,30 +88,13 @@ def _converted(source: Path, target: Path, options: LooseOptions, described: Bag
     read_recording(recording)
 
 
-def _videos(workplace: Path) -> list[Reader]:
-    folder, readers = new_folder(workplace, "video"), []
-    (folder / _CAMERA).write_text(_PINHOLE)
-    described = BagOptions(field="msl-18x12", camera=folder / _CAMERA)
-    for name, code in (("walk.avi", "MJPG"), ("walk.mp4", "mp4v")):
-        writer = cv2.VideoWriter(str(folder / name), cv2.VideoWriter.fourcc(*code), 25.0, (48, 32))
-        for index in range(5):
-            writer.write(_picture(index))
-        writer.release()
-
-        def video(path: Path) -> None:
-            read_recording(open_loose(path, LooseOptions(), described))
-
-        readers.append(Reader(f"video, {name}", folder / name, [(folder / name).read_bytes()], video, 0.2))
-    return readers
-
-
 def calibration_readers(workplace: Path) -> list[Reader]:
-    """Line points in pixels; marks, lenses, chessboards and IMUs; features of walking robots."""
-    return [*_line_points(workplace), *_perspective(workplace), *_imu(workplace), _features(workplace)]
+    """Line points in pixels; marks and lenses."""
+    return [*_line_points(workplace), *_perspective(workplace)]
 
 
 def _line_points(workplace: Path) -> list[Reader]:
-    folder, field = new_folder(workplace, "pixels"), open_field("msl-18x12")
+    folder = new_folder(workplace, "pixels")
     angles = np.linspace(0.0, 6.0, 40)
     rows = [f"{320 + (60 + 3 * k) * np.cos(a):.2f},{240 + (60 + 3 * k) * np.sin(a):.2f}" for k, a in enumerate(angles)]
     seed = ("u_px,v_px\n" + "\n".join(rows) + "\n").encode()
@@ -143,18 +104,8 @@ def _line_points(workplace: Path) -> list[Reader]:
         image_size(None, points)
         rough_circle(points)
 
-    def calibrated(path: Path) -> None:
-        points = [read_pixels(path)]
-        circle = rough_circle(points)
-        calibrate_points(points, circle.center, circle.radius_px, field, 1)
-
-    def size(path: Path) -> None:
-        image_size(path.read_text(encoding="utf-8", errors="surrogateescape"), [np.array([[30.0, 20.0]])])
-
     return [
         Reader("line points in pixels", folder / "pixels.csv", [seed, b"v_px,x,u_px\n1,2,3\n"], pixels),
-        Reader("calibrate lines", folder / "calibrated.csv", [seed], calibrated, 0.01),
-        Reader("--size", folder / "size.txt", [b"640x480"], size, 0.2),
     ]
 
 
@@ -178,80 +129,7 @@ def _perspective(workplace: Path) -> list[Reader]:
         lens = lens_of(read_yaml_mapping(path), path)
         perspective_yaml(calibrate_camera(read_marks(folder / "marks.csv"), lens).camera, "found")
 
-    recording = _boards(new_folder(workplace, "chessboard"))
-    told = SEQUENCE.replace("camera: omni", "camera: pinhole") + "chessboard: {inner_corners: [7, 5], square_m: 0.12}\n"
-    (recording / "sequence.yaml").write_text(told)
-
-    def of_board(path: Path) -> None:
-        chessboard_lens(open_source(path.parent))
-
     return [
         Reader("calibrate camera, marks.csv", folder / "hostile.csv", [marks.encode()], of_marks),
         Reader("calibrate camera, camera.yaml", folder / "hostile.yaml", [_PINHOLE.encode()], of_lens, 1.0),
-        Reader("calibrate camera, sequence.yaml", recording / "sequence.yaml", [told.encode()], of_board, 0.3),
     ]
-
-
-def _boards(folder: Path) -> Path:
-    """Five images of a chessboard, each from elsewhere."""
-    small_recording(folder)
-    (folder / _CAMERA).write_text(_PINHOLE.replace("width: 48\nheight: 32", "width: 160\nheight: 120"))
-    board = np.full((120, 160), 255, dtype=np.uint8)
-    board[15:105, 20:140] = np.kron(np.indices((6, 8)).sum(axis=0) % 2, np.ones((15, 15))) * 255
-    corners = np.array([(0, 0), (159, 0), (159, 119), (0, 119)], dtype=np.float32)
-    for k in range(5):
-        moved = corners.copy()
-        moved[k % 4] += np.float32(0.1) * (corners[(k + 2) % 4] - corners[k % 4])
-        image = cv2.warpPerspective(board, cv2.getPerspectiveTransform(corners, moved), (160, 120), borderValue=255)
-        cv2.imwrite(str(folder / f"images/{k:06d}.jpg"), cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
-    (folder / "images.csv").write_text("t,file\n" + "".join(f"{k / 10},images/{k:06d}.jpg\n" for k in range(5)))
-    return folder
-
-
-def _imu(workplace: Path) -> list[Reader]:
-    """A robot that sways before three marks; its images need not be read."""
-    folder = new_folder(workplace, "imu")
-    small_recording(folder)
-    told = SEQUENCE.replace("camera: omni", "camera: pinhole")
-    lean = [f"{0.1 * np.sin(k):.4f},{0.1 * np.cos(k):.4f}" for k in range(26)]
-    files = {
-        "sequence.yaml": told,
-        "camera.yaml": _PINHOLE,
-        "images.csv": "t,file\n" + "".join(f"{k / 10},images/{k:06d}.jpg\n" for k in range(24)),
-        "imu.csv": "t,roll,pitch,yaw,gx,gy,gz\n"
-        + "".join(f"{k / 10 - 0.01:.2f},{lean[k]},0.1,0.2,0.1,0.0\n" for k in range(26)),
-        "marks.csv": "file,name,u,v,x_m,y_m\n"
-        + "".join(
-            f"images/{k:06d}.jpg,m{m},{10 + 8 * m + np.cos(k):.2f},{12 + m + np.sin(k):.2f},,\n"
-            for k in range(24)
-            for m in range(3)
-        ),
-    }
-    for name, text in files.items():
-        (folder / name).write_text(text)
-    readers = []
-    for name in ("marks.csv", "imu.csv", "camera.yaml"):
-        copy = workplace / f"imu-{name}"
-        shutil.copytree(folder, copy)
-
-        def learn(path: Path) -> None:
-            source = open_source(path.parent)
-            camera = source.camera
-            if isinstance(camera, PinholeCamera):
-                perspective_yaml(camera, "before")
-                calibrate_imu(source, camera)
-
-        readers.append(Reader(f"calibrate imu, {name}", copy / name, [files[name].encode()], learn, 0.4))
-    return readers
-
-
-def _features(workplace: Path) -> Reader:
-    folder = small_recording(new_folder(workplace, "features"))
-    (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
-
-    def steps(_: Path) -> None:
-        prepared = prepare(folder, "nimbro-lines")
-        for frame in prepared.source:
-            prepared.system.step(frame)
-
-    return Reader("nimbro-lines, observations.csv", folder / "observations.csv", [_FEATURES.encode()], steps, 0.15)

@@ -15,19 +15,16 @@ from fuzz_calibration_readers import calibration_readers, loose_readers
 from fuzz_mutations import mutated_archive
 from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_recording
 
-from touchline.api import prepare
 from touchline.calibration.colour import calibrate_marked
 from touchline.camera import open_camera
 from touchline.checks.check import check_recording
-from touchline.cli.fields import _parse_letters
-from touchline.cli.run import parse_pose
 from touchline.config import Settings, load_settings, settings_tree
 from touchline.evaluation import evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import robot_setup, run_frames
 from touchline.evaluation.summary import RunSummary
-from touchline.field import field_from_letters, open_field
+from touchline.field import open_field
 from touchline.files.images import read_image
 from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
@@ -37,9 +34,6 @@ from touchline.published.strip.recording import read_bearings, rough_center, sen
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, open_system
 from touchline.view.look import observe_image
-from touchline_lab.points.point_set import read_point_set
-from touchline_lab.simulation.cameras.image_sensor import LinearImageCamera
-from touchline_lab.simulation.scenario import SCENARIO_FOLDER, open_scenario
 
 DATA = Path(__file__).parent / "data"
 MARKS = "file,name,u,v,x_m,y_m\n" + "".join(
@@ -59,7 +53,6 @@ def all_readers(workplace: Path) -> list[Reader]:
         *_runs(workplace),
         *_single_files(workplace),
         *_images(workplace),
-        *_texts(workplace),
         *_whole_ways(workplace),
         *bag_readers(workplace),
         *loose_readers(workplace),
@@ -108,9 +101,6 @@ def _settings(workplace: Path) -> list[Reader]:
             load_settings(model, path)
 
         readers.append(Reader(f"settings of {name}", file, [tree], read, 0.5))
-    folder = new_folder(workplace, "scenario")
-    scenarios = [path.read_bytes() for path in sorted(SCENARIO_FOLDER.glob("*.yaml"))]
-    readers.append(Reader("scenario", folder / "scenario.yaml", scenarios, lambda path: open_scenario(path)))
     return readers
 
 
@@ -180,7 +170,6 @@ def _single_files(workplace: Path) -> list[Reader]:
             read_points,
         ),
         Reader("colours", folder / "colours.npz", _colours(folder), load_colours, 2.0, mutated_archive),
-        Reader("point set", folder / "points.npz", _point_sets(), read_point_set, 1.0, mutated_archive),
     ]
 
 
@@ -201,15 +190,6 @@ def _colours(folder: Path) -> list[bytes]:
     return [packed, plain.getvalue()]
 
 
-def _point_sets() -> list[bytes]:
-    arrays = {"offsets": np.array([0, 3, 6]), "points": np.ones((6, 2)), "is_outlier": np.zeros(6, np.bool_)}
-    poses = {"truth": np.zeros((2, 3)), "init": np.zeros((2, 3)), "compass": np.zeros(2)}
-    lines = {"segments": np.array([[-3.0, 2.0, 3.0, 2.0]]), "arcs": np.array([[0.0, 0.0, 1.0, 0.0, 3.0]])}
-    packed = io.BytesIO()
-    np.savez(packed, **arrays, **poses, **lines)  # type: ignore[arg-type]
-    return [packed.getvalue()]
-
-
 def _images(workplace: Path) -> list[Reader]:
     image = np.random.default_rng(3).integers(0, 255, (24, 32, 3), dtype=np.uint8)
     made = {
@@ -220,66 +200,16 @@ def _images(workplace: Path) -> list[Reader]:
     deep = bytes(cv2.imencode(".png", image.astype(np.uint16) * 257)[1].tobytes())
     progressive = bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes())
     folder = new_folder(workplace, "images")
-    readers = [
+    return [
         Reader(f"image {ending}", folder / f"image{ending}", [data, deep, progressive], read_image)
         for ending, data in made.items()
-    ]
-    linear = small_recording(new_folder(workplace, "linear"))
-    told = SEQUENCE.replace(
-        "gamma: 2.2", "gamma: 2.2, linear_png: true, linear_radiance_at_65535: 4.0, optics_blur_sigma_px: 0.5"
-    )
-    (linear / "sequence.yaml").write_text(told)
-    (linear / "images/000000.jpg").write_bytes(deep)
-    for name in ("sequence.yaml", "images/000000.jpg"):
-        copy = workplace / f"linear-{Path(name).name}"
-        shutil.copytree(linear, copy)
-        readers.append(
-            Reader(
-                f"linear image, {name}",
-                copy / name,
-                [(copy / name).read_bytes()],
-                lambda _, f=copy: LinearImageCamera.open(open_source(f), 0),
-                0.5,
-            )  # type: ignore[misc]
-        )
-    return readers
-
-
-def _texts(workplace: Path) -> list[Reader]:
-    """Arguments of commands, a line of a file each: they are read as text, not as paths."""
-    folder = new_folder(workplace, "texts")
-    model = SYSTEMS["nubot-mti"].settings
-
-    def words(path: Path) -> list[str]:
-        return path.read_text(encoding="utf-8", errors="surrogateescape").splitlines()[:20]
-
-    def letters(path: Path) -> None:
-        field_from_letters("mine", _parse_letters(words(path)), "msl-22x14", "edge")
-
-    return [
-        Reader(
-            "--set",
-            folder / "set.txt",
-            [b"matching.c_m=0.3\nlearning={frames: 3}"],
-            lambda p: load_settings(model, None, words(p)),
-        ),
-        Reader("--start", folder / "start.txt", [b"-3,1.5,0.2"], lambda p: parse_pose("".join(words(p)))),
-        Reader("letters", folder / "letters.txt", [b"A=18\nB=12\nC=6.5\nK=0.125"], letters, 0.5),
     ]
 
 
 def _whole_ways(workplace: Path) -> list[Reader]:
     """From a hostile file through everything behind its reader: few of them, for they take their time."""
     ways = []
-    for name in (
-        "sequence.yaml",
-        "camera.yaml",
-        "observations.csv",
-        "odometry.csv",
-        "imu.csv",
-        "images.csv",
-        "images/000001.jpg",
-    ):
+    for name in ("sequence.yaml", "camera.yaml", "observations.csv", "imu.csv", "images/000001.jpg"):
         folder = small_recording(new_folder(workplace, f"check-{name}"))
         seed = (folder / name).read_bytes()
         ways.append(
@@ -294,17 +224,6 @@ def _whole_ways(workplace: Path) -> list[Reader]:
             open_system("nubot-mti", robot_setup(open_source(folder)))
 
         ways.append(Reader(f"system, {name}", folder / name, [(folder / name).read_bytes()], system, 0.06))
-    for name in ("observations.csv", "odometry.csv", "wheels.csv", "imu.csv"):
-        folder = small_recording(new_folder(workplace, f"steps-{name}"))
-        (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
-
-        def steps(_: Path, folder: Path = folder) -> None:
-            for chosen in SYSTEMS:
-                prepared = prepare(folder, chosen)
-                for frame in prepared.source:
-                    prepared.system.step(frame)
-
-        ways.append(Reader(f"steps, {name}", folder / name, [(folder / name).read_bytes()], steps, 0.02))
     folder = new_folder(workplace, "look")
     (folder / "camera.yaml").write_text(CAMERA_YAML)
     image = cv2.resize(cv2.imdecode(np.frombuffer(_jpeg(), np.uint8), 1), (96, 96))

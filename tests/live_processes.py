@@ -10,7 +10,7 @@ import numpy as np
 
 
 def benchmark() -> Any:
-    path = Path(__file__).parents[1] / "benchmarks" / "live_link.py"
+    path = Path(__file__).parents[1] / "lab" / "benchmarks" / "live_link.py"
     spec = importlib.util.spec_from_file_location("live_link", path)
     assert spec is not None
     assert spec.loader is not None

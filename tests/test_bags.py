@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import filecmp
 import shutil
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 from small_recordings import borrow
-from small_recordings import write_recording as write_small
 
 from touchline.api import prepare
 from touchline.camera import FisheyeCamera
@@ -82,20 +80,16 @@ def test_a_folder_comes_back_byte_by_byte(kind: str, walk: Path, tmp_path: Path)
 
 
 @pytest.fixture(scope="session")
-def match(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A second of a match, as a detector sees it."""
-    folder = tmp_path_factory.mktemp("match") / "match"
-    options = ["--level", "points", "--seconds", "1", "--output", str(folder)]
-    assert main(["simulate", "match", *options]) == 0
-    return folder
+def match(small_data: Path) -> Path:
+    """Half a minute of a robot, as its detector saw it."""
+    return small_data / "omni_9x6_points"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mcap", "rosbag2"])
 def test_the_trajectory_is_the_same_bit_for_bit(kind: str, match: Path, tmp_path: Path) -> None:
     bag = convert(match, tmp_path / KINDS[kind], "--to", kind)
-    back = convert(bag, tmp_path / "back")
-    assert_same_folder(back, match)
-    assert poses(bag) == poses(back)
+    assert poses(bag) == poses(convert(bag, tmp_path / "back"))
 
 
 def test_a_cut_mcap_gives_the_frames_before_the_cut(walk: Path, tmp_path: Path) -> None:
@@ -107,21 +101,6 @@ def test_a_cut_mcap_gives_the_frames_before_the_cut(walk: Path, tmp_path: Path) 
     assert str(cut.problems[0]).startswith(f"cut.mcap: ends early, at byte {len(data) // 2}: ")
     expected = [contents(frame) for frame in open_source(whole)][: len(cut)]
     assert [contents(frame) for frame in cut] == expected
-
-
-def test_other_programs_find_what_ros_has_messages_for(walk: Path, tmp_path: Path) -> None:
-    bag = convert(walk, tmp_path / "bag.mcap")
-    with AnyReader([bag]) as reader:
-        counts = {name: (info.msgtype, info.msgcount) for name, info in reader.topics.items()}
-        images = [c for c in reader.connections if c.topic == "/camera/image/compressed"]
-        first = next(reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(images))
-    rows = (walk / "odometry.csv").read_text().count("\n") - 1
-    assert counts["/odom"] == ("nav_msgs/msg/Odometry", rows)
-    assert counts["/imu/data"][0] == "sensor_msgs/msg/Imu"
-    assert counts["/tf"][0] == "tf2_msgs/msg/TFMessage"
-    assert counts["/camera/camera_info"] == ("sensor_msgs/msg/CameraInfo", 1)
-    assert counts["/ground_truth/pose"] == ("geometry_msgs/msg/PoseStamped", 10)
-    assert (first.format, first.header.frame_id) == ("jpeg", "camera_optical_frame")
 
 
 def without_own_topics(source: Recording, bare: Path) -> Path:
@@ -139,24 +118,6 @@ def without_own_topics(source: Recording, bare: Path) -> Path:
 
     write_recording(source, Bare(), codec)
     return bare
-
-
-def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path) -> None:
-    """The bag without Touchline's own topics is a foreign one, and says the same."""
-    source = open_source(walk)
-    read = open_source(without_own_topics(source, tmp_path / "bare.mcap"), options=BagOptions(field="spl-9x6"))
-    assert read.truth is not None
-    assert source.truth is not None
-    assert np.allclose(read.truth.poses, source.truth.poses, atol=1e-9)
-    for found, expected in zip(read, source, strict=True):
-        assert found.image is not None
-        assert np.array_equal(found.image, expected.image)
-        assert found.odometry is not None
-        assert expected.odometry is not None
-        assert np.allclose(found.odometry.values, expected.odometry.values, atol=1e-9)
-        assert found.base_from_camera is not None
-        assert expected.base_from_camera is not None
-        assert np.allclose(found.base_from_camera.rotation, expected.base_from_camera.rotation, atol=1e-9)
 
 
 def test_a_fisheye_goes_through_camera_info_and_comes_back(walk: Path, tmp_path: Path) -> None:
@@ -189,6 +150,7 @@ def test_a_fisheye_goes_through_camera_info_and_comes_back(walk: Path, tmp_path:
     assert np.allclose(found.translation_m, wanted.translation_m, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_results_are_written_with_map_to_odom(match: Path, tmp_path: Path) -> None:
     bag = convert(match, tmp_path / "match.mcap")
     assert main(["run", str(bag), "--output", str(tmp_path / "run")]) == 0
@@ -220,7 +182,7 @@ def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_
     whole = convert(walk, tmp_path / name, *(["--to", "rosbag2"] if name == "bag" else []))
     file = whole if whole.is_file() else next(whole.glob("*.db3"))
     data, rng = file.read_bytes(), np.random.default_rng(3)
-    for trial in range(15):
+    for trial in range(6):
         broken = bytearray(data)
         for at in rng.integers(0, len(data), 1 + 20 * (trial % 3)):
             broken[at] = int(rng.integers(256))
@@ -230,45 +192,8 @@ def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_
                 assert frame.image is None or frame.image.shape == (480, 752, 3)
 
 
-def test_a_damaged_chunk_is_left_out(walk: Path, tmp_path: Path) -> None:
-    data = bytearray(convert(walk, tmp_path / "whole.mcap").read_bytes())
-    data[len(data) // 2 : len(data) // 2 + 40] = bytes(40)
-    (tmp_path / "damaged.mcap").write_bytes(data)
-    damaged = open_source(tmp_path / "damaged.mcap")
-    assert 0 < len(damaged) < 10
-    assert "is left out" in str(damaged.problems[0])
-
-
-def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
-    def peak(frames: int) -> int:
-        folder = write_small(tmp_path / f"folder{frames}", frames=frames)
-        (folder / "ground_truth.tum").unlink()
-        bag = convert(folder, tmp_path / f"bag{frames}.mcap")
-        tracemalloc.start()
-        for _ in open_source(bag):
-            pass
-        held = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return held
-
-    peak(20)  # what is set up once
-    short, long = peak(150), peak(300)
-    assert long < short + 150 * 150 + 50_000  # 150 bytes an image: its time, exposure, line and place
-
-
 def test_without_the_extra_it_is_named(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = convert(walk, tmp_path / "bag.mcap")
     monkeypatch.setattr("touchline.sources.bags.kinds.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'touchline\[bags\]'"):
         open_source(bag)
-
-
-def test_a_bag_is_looked_at_as_a_folder_is(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = convert(walk, tmp_path / "bag.mcap")
-    told = []
-    for source in (bag, walk):
-        assert main(["view", str(source), "--frame", "3", "--output", str(tmp_path / f"{source.name}-view")]) == 0
-        told.append(capsys.readouterr().out.splitlines()[-2])
-        (picture,) = (tmp_path / f"{source.name}-view").glob("*.png")
-        told.append(picture.read_bytes())
-    assert told[:2] == told[2:]

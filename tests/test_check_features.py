@@ -17,7 +17,6 @@ from touchline.checks.sensors import check_presence
 from touchline.checks.survey import Survey, take_survey
 from touchline.cli.run import execute
 from touchline.errors import TouchlineError
-from touchline.messages import without_numbers
 from touchline.sources import open_source
 
 SEEN = (
@@ -47,12 +46,6 @@ def observed(folder: Path, kinds: tuple[str, ...]) -> Path:
     return folder
 
 
-def test_a_humanoids_features_fit(small_data: Path) -> None:
-    found = only(small_data / "humanoid_9x6_walk")
-    assert found.severity is Severity.OK
-    assert "cm from the field's (median), tracked in" in found.what
-
-
 @pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])
 def test_a_humanoid_without_imu_is_told_of_a_start_only_where_the_ends_look_alike(
     small_data: Path, tmp_path: Path, name: str
@@ -69,6 +62,7 @@ def test_a_humanoid_without_imu_is_told_of_a_start_only_where_the_ends_look_alik
         assert finding.advice.startswith("Tell where the robot starts, --start X,Y,HEADING or --own-half")
 
 
+@pytest.mark.slow
 def test_a_fallen_robot_is_told_with_one_cause(
     small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,13 +92,5 @@ def test_features_without_points_are_good_for_a_humanoid(tmp_path: Path) -> None
     assert only(folder).severity is Severity.OK
 
 
-def test_features_that_tell_no_pose_are_told(tmp_path: Path) -> None:
-    assert "fit no pose in 12 of 12 images" in only(observed(tmp_path / "seen", ("X",))).what
-
-
 def test_a_mirror_has_another_check(small_data: Path) -> None:
     assert list(check_features(survey(small_data / "omni_msl_track"))) == []
-
-
-def test_messages_are_alike_but_for_their_numbers() -> None:
-    assert without_numbers("leans by 81.5°, more than 60°") == without_numbers("leans by 9°, more than 60°")

@@ -7,16 +7,13 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
 from touchline.checks.findings import Finding, Severity
-from touchline.checks.lines import _ends, check_lines
+from touchline.checks.lines import check_lines
 from touchline.checks.survey import take_survey
-from touchline.geometry import Pose
 from touchline.sources import open_source
-from touchline.types import Estimate, Hypothesis, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 
@@ -52,24 +49,7 @@ def test_a_wrong_scale_of_the_ranges_is_told(recording: Path, factor: float, wor
     assert float(scale.what.split()[-2]) == pytest.approx(3.0, abs=0.8)
 
 
-def test_a_leaning_mirror_is_told(recording: Path) -> None:
-    """The table of a head whose rays all lean by half a degree, beside images of an upright one."""
-    table = yaml.safe_load((recording / "camera.yaml").read_text())["range_table"]
-    radii, upright = np.array(table["radius_px"])[:-10], np.array(table["range_m"])[:-10]
-    bearings = np.arange(36) * 2 * math.pi / 36
-    height = 0.75
-    lean = math.radians(0.5) * np.cos(bearings)[:, None]
-    ranges = np.maximum.accumulate(height * np.tan(np.arctan(upright / height) + lean).clip(0.001, 500), axis=1)
-    ranges += 1e-6 * np.arange(len(radii))
-    change_camera(
-        recording,
-        range_table={"radius_px": radii.tolist(), "bearing_rad": bearings.tolist(), "range_m": ranges.tolist()},
-    )
-    tilt = findings(recording)["tilt"]
-    assert tilt.severity is Severity.NOTE
-    assert float(tilt.what.split()[-1].rstrip("°")) == pytest.approx(0.25, abs=0.06)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(("turned_deg", "severity"), [(2.0, Severity.NOTE), (-4.0, Severity.WARNING)])
 def test_a_turned_camera_is_told_with_what_to_add(recording: Path, turned_deg: float, severity: Severity) -> None:
     mount_yaw = yaml.safe_load((recording / "camera.yaml").read_text())["mount_yaw"]
@@ -87,27 +67,3 @@ def test_few_images_tell_nothing(recording: Path) -> None:
     lines = findings(recording)["lines"]
     assert lines.severity is Severity.NOTE
     assert lines.what == "too few images to tell whether the lines fit: 3 usable, 5 are needed"
-
-
-def test_the_look_at_the_lines_leaves_the_problems_as_they_were(recording: Path) -> None:
-    (recording / "images" / "000059.jpg").unlink()
-    source = open_source(recording)
-    survey = take_survey(source)
-    before = list(source.problems)
-    assert len(before) == 1
-    list(check_lines(survey))
-    assert list(source.problems) == before
-
-
-def test_another_field_fits_no_pose(recording: Path) -> None:
-    shutil.copy(Path(__file__).parents[1] / "src/touchline/field/presets/spl-9x6.yaml", recording / "field.yaml")
-    assert findings(recording)["lines"].severity is Severity.WARNING
-
-
-def test_a_twin_that_is_likely_is_named() -> None:
-    def told(probability: float | None) -> list[Severity]:
-        twin = Hypothesis(Pose(-1.0, 0.0, math.pi), 0.02, probability)
-        estimate = Estimate(0, Pose(1.0, 0.0, 0.0), np.eye(3), Status.TRACKING, hypotheses=(twin,))
-        return [one.severity for one in _ends([estimate])]
-
-    assert (told(None), told(0.02), told(0.05), told(0.5)) == ([], [], [Severity.NOTE], [Severity.NOTE])

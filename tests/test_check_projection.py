@@ -12,10 +12,6 @@ from small_recordings import borrow
 
 from touchline.checks.check import check_recording
 from touchline.checks.findings import Finding, Severity
-from touchline.checks.projection import fitted_turn, line_offsets, project_places
-from touchline.geometry import Pose3
-from touchline.motion.attitude import with_camera_poses
-from touchline.sources import open_source
 
 
 def change_mount(folder: Path, **changes: float) -> None:
@@ -27,43 +23,6 @@ def change_mount(folder: Path, **changes: float) -> None:
 
 def findings_of(folder: Path, check: str) -> list[Finding]:
     return [finding for finding in check_recording(folder) if finding.check == check]
-
-
-@pytest.mark.parametrize(
-    ("name", "raw_px", "turned_deg"),
-    [
-        ("humanoid_9x6_walk", 4.5, 0.6),  # an IMU's half a degree is 4 px
-        ("humanoid_hsl_pan", 11.0, 2.0),  # a head's joints err, too
-    ],
-)
-def test_field_lines_lie_on_the_white_ones_as_far_as_the_sensors_tell(
-    shared_data: Path, name: str, raw_px: float, turned_deg: float
-) -> None:
-    recording = open_source(shared_data / name)
-    camera, truth = recording.camera, recording.truth
-    assert truth is not None
-    step = max(1, len(recording) // 12)
-    raw, fitted, turns = [], [], []
-    for index, (frame, pose) in enumerate(with_camera_poses(recording, camera)):
-        if index % step or frame.image is None:
-            continue
-        assert pose is not None
-        at = truth.nearest(frame.stamp_ns)
-        places = project_places(camera, recording.field, at, pose)
-        off = line_offsets(frame.image, places)
-        turn = fitted_turn(camera, places, off, pose)
-        if turn is None:
-            continue
-        raw.append(np.abs(off[np.isfinite(off)]))
-        turns.append(np.degrees(turn))
-        righted = pose.compose(Pose3.from_roll_pitch_yaw(*turn))
-        off = line_offsets(frame.image, project_places(camera, recording.field, at, righted))
-        fitted.append(np.abs(off[np.isfinite(off)]))
-    assert len(turns) >= 5
-    assert np.median(np.concatenate(raw)) < raw_px
-    assert np.median(np.concatenate(fitted)) < 0.5, "what is left without these errors"
-    assert np.percentile(np.concatenate(fitted), 90) < 1.5
-    assert np.abs(np.median(turns, axis=0)).max() < turned_deg
 
 
 def test_a_camera_that_is_not_mounted_as_its_file_says_is_found(shared_data: Path, tmp_path: Path) -> None:
@@ -86,6 +45,7 @@ def test_without_true_poses_the_mount_is_not_tested(shared_data: Path, tmp_path:
     assert "the true poses are not known" in finding.what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pitch", "z", "severity"),
     [(0.4887, 1.1, Severity.OK), (-0.6, 1.1, Severity.ERROR), (0.4887, 0.07, Severity.WARNING)],

@@ -5,23 +5,25 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import re
 import subprocess
 import sys
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from fakes import FakeSystem, true_samples, write_recording
+from syrupy.assertion import SnapshotAssertion
 
 from touchline.cli import main
+from touchline.cli.commands import app
 from touchline.config import Settings
 from touchline.errors import NoFitError
 from touchline.evaluation import write_tum
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo
-from touchline.types import Estimate, Frame, Hypothesis
+from touchline.systems import SYSTEMS, SystemInfo
+from touchline.types import Estimate, Frame
 
 HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "scipy", "yaml")
 
@@ -62,44 +64,28 @@ def told(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
 
 
 def test_nothing_heavy_is_imported_before_it_is_needed() -> None:
-    code = f"import sys, touchline, touchline.cli; print([name for name in {HEAVY} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
-def test_help_needs_nothing_heavy_either() -> None:
     code = (
-        "import sys\nfrom touchline.cli import main\nstatus = main(['--help'])\n"
+        "import sys, touchline\nfrom touchline.cli import main\nstatus = main(['--help'])\n"
         f"print(status, [name for name in {HEAVY} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "0 []"
 
 
-def test_the_module_can_be_run() -> None:
-    done = subprocess.run([sys.executable, "-m", "touchline", "--version"], capture_output=True, text=True)
-    assert done.returncode == 0
-    assert done.stdout.startswith("touchline ")
+@pytest.mark.parametrize("wanted", [None, "3"])
+def test_one_thread_and_a_quick_compiler_unless_told_otherwise(wanted: str | None) -> None:
+    names = ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "NUMBA_OPT")
+    code = (
+        "import os\nfrom touchline.cli import main\nmain(['--version'])\nimport cv2, numba\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], cv2.getNumThreads(), int(numba.config.OPT))"
+    )
+    given = {name: value for name, value in os.environ.items() if name not in names}
+    given |= {} if wanted is None else dict.fromkeys(names, wanted)
+    done = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1].split() == 3 * [wanted or "1"]
 
 
-@pytest.mark.parametrize(
-    ("variable", "shown"),
-    [
-        ("OPENBLAS_NUM_THREADS", "os.environ['OPENBLAS_NUM_THREADS']"),
-        ("OPENCV_FOR_THREADS_NUM", "__import__('cv2').getNumThreads()"),
-        ("NUMBA_OPT", "int(numba.config.OPT)"),
-    ],
-)
-def test_one_thread_and_a_quick_compiler_unless_told_otherwise(variable: str, shown: str) -> None:
-    code = f"import os\nfrom touchline.cli import main\nmain(['--version'])\nimport numba\nprint({shown})"
-    for wanted, expected in ((None, "1"), ("3", "3")):
-        given = {name: value for name, value in os.environ.items() if name != variable}
-        given |= {} if wanted is None else {variable: wanted}
-        done = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
-        assert done.stdout.splitlines()[-1] == expected
-
-
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]])
+@pytest.mark.parametrize("arguments", [[], ["-h"]])
 def test_help_names_every_command(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 0
     out, _ = told(capsys)
@@ -107,9 +93,9 @@ def test_help_names_every_command(arguments: list[str], capsys: pytest.CaptureFi
         assert f" {command} " in out
 
 
-@pytest.mark.parametrize(("ending", "size"), [("nbi", 10), ("nbc", 0), ("nbc", 700)])
+@pytest.mark.slow
 def test_a_compiled_loop_whose_file_was_cut_off_is_told(
-    recording: Path, ending: str, size: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = Path("loop.py")
     source.write_text("from numba import njit\n@njit(cache=True)\ndef loop(x):\n    return x + 1\n")
@@ -129,26 +115,11 @@ def test_a_compiled_loop_whose_file_was_cut_off_is_told(
 
     monkeypatch.setitem(SYSTEMS, "fake", SystemInfo("fake", "", FakeSettings, lambda setup, s, rng: Looping(rng, 0.0)))
     assert main(["run", str(recording), "--system", "fake", "--output", "whole"]) == 0
-    (kept,) = Path("__pycache__").glob(f"*.{ending}")
-    kept.write_bytes(kept.read_bytes()[:size])
+    (kept,) = Path("__pycache__").glob("*.nbc")
+    kept.write_bytes(kept.read_bytes()[:700])
     told(capsys)
     assert main(["run", str(recording), "--system", "fake", "--output", "cut"]) == 1
     assert "delete the files *.nbi and *.nbc" in told(capsys)[1]
-
-
-def test_run_writes_the_four_files_and_prints_the_table(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", str(recording), "--system", "fake"]) == 0
-    out, _ = told(capsys)
-    folder = Path("runs/tiny-1")
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "estimates.csv",
-        "report.html",
-        "summary.json",
-        "trajectory.tum",
-    ]
-    assert "x (cm)" in out
-    assert "11 frames counted; left out: 1 before the first estimate" in out
-    assert str(folder / "report.html") in out
 
 
 def test_summary_says_what_was_run(recording: Path) -> None:
@@ -206,14 +177,6 @@ def test_the_start_reaches_the_system(recording: Path, monkeypatch: pytest.Monke
     assert (second.pose, second.own_half) == (None, True)
 
 
-def test_a_recording_without_truth_is_run_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording = write_recording(tmp_path / "blind", truth=False)
-    assert main(["run", str(recording), "--system", "fake"]) == 0
-    out, _ = told(capsys)
-    assert "no truth" in out
-    assert json.loads(Path("runs/tiny-1/summary.json").read_text())["errors"] is None
-
-
 def test_a_broken_image_is_survived_counted_and_told(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (recording / "images" / "000004.png").write_bytes(b"not an image")
     assert main(["run", str(recording), "--system", "fake"]) == 0
@@ -262,98 +225,6 @@ def test_what_the_system_refuses_is_told_as_it_says(recording: Path, capsys: pyt
     assert "error: these points fit nothing\n" in told(capsys)[1]
 
 
-def test_ctrl_c_finishes_the_folder_with_what_was_done(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    import signal
-
-    class Interrupting(FakeSystem):
-        def step(self, frame: Frame) -> Estimate:
-            if len(self.seen) == 4:
-                signal.raise_signal(signal.SIGINT)
-            return super().step(frame)
-
-    info = SystemInfo("fake", "", FakeSettings, lambda setup, settings, rng: Interrupting(rng))
-    monkeypatch.setitem(SYSTEMS, "fake", info)
-    handler = signal.getsignal(signal.SIGINT)
-    assert main(["run", str(recording), "--system", "fake"]) == 130
-    assert signal.getsignal(signal.SIGINT) is handler
-    assert told(capsys)[1].splitlines()[-1] == "error: interrupted: 5 images done"
-    assert len(Path("runs/tiny-1/trajectory.tum").read_text().splitlines()) == 5
-    assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
-
-
-def test_ctrl_c_before_the_first_frame_is_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("touchline.sources.open_source", interrupted)
-    assert main(["check", "anything"]) == 130
-    assert told(capsys)[1] == "error: interrupted\n"
-
-
-def system_that(monkeypatch: pytest.MonkeyPatch, kind: type[FakeSystem], **options: Any) -> None:
-    info = SystemInfo("fake", "", FakeSettings, lambda setup, settings, rng: kind(rng, **options))
-    monkeypatch.setitem(SYSTEMS, "fake", info)
-
-
-def test_a_run_that_locates_nothing_fails_and_says_what_to_do(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    system_that(monkeypatch, FakeSystem, searching=tuple(range(12)))
-    assert main(["run", str(recording), "--system", "fake"]) == 1
-    out, err = told(capsys)
-    assert "no errors to show: no frame is left to compare: the robot was never located" in out
-    said = f"error: none of 12 images was localised: `touchline check {recording}` may tell why"
-    assert err.splitlines()[-1] == said
-    summary = json.loads(Path("runs/tiny-1/summary.json").read_text())
-    assert summary["why_no_errors"].endswith("the robot was never located")
-
-
-def test_a_run_that_loses_the_robot_at_times_is_done(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    system_that(monkeypatch, FakeSystem, searching=tuple(range(11)))
-    assert main(["run", str(recording), "--system", "fake"]) == 0
-
-
-def test_an_unknown_side_of_the_field_is_told(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class Blind(FakeSystem):
-        def step(self, frame: Frame) -> Estimate:
-            estimate = super().step(frame)
-            return replace(estimate, hypotheses=(Hypothesis(estimate.pose.mirrored(), 0.02),))
-
-    system_that(monkeypatch, Blind)
-    assert main(["run", str(recording), "--system", "fake"]) == 0
-    (line,) = [line for line in told(capsys)[0].splitlines() if "the other end" in line]
-    assert line.startswith(
-        "in 11 of 12 images the robot may as well stand at the other end of the field (the other: at last x 1.4"
-    )
-    assert "--own-half or --start tells which" in line
-    assert json.loads(Path("runs/tiny-1/summary.json").read_text())["either_side"]["count"] == 11
-
-
-@pytest.mark.parametrize("command", ["demo", "run", "view", "evaluate"])
-def test_help_names_the_default_place_of_results(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([command, "--help"]) == 0
-    words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", told(capsys)[0]).split())
-    assert re.search(r"\(default: (runs/|the recording's)", words), words
-
-
-def test_the_reader_of_a_pipe_may_leave() -> None:
-    code = (
-        "import os, sys\nfrom touchline.cli import main\n"
-        "status = main(['systems', 'nubot-mti'])\nos.write(2, f'status {status}'.encode())\nsys.exit(status)"
-    )
-    read, write = os.pipe()
-    os.close(read)
-    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True)
-    os.close(write)
-    assert (done.returncode, done.stderr) == (0, "status 0")
-
-
 def test_a_full_disk_is_told_in_one_line() -> None:
     with Path("/dev/full").open("w") as file:
         done = subprocess.run(
@@ -381,100 +252,86 @@ def test_evaluate_takes_a_trajectory_and_a_truth(tmp_path: Path, capsys: pytest.
     assert "0.00" in out
 
 
-def test_systems_are_listed_with_the_default_marked(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["systems"]) == 0
-    out, _ = told(capsys)
-    assert "touchline (default)" in out
-    assert "a fake system" in out
+BAD_ARGUMENTS = """
+run nowhere
+run tiny --system fak
+run tiny --system fake --set noise=1
+run tiny --set motion
+run tiny --system fake --set sigma=1
+run tiny --system nubot-mti --set fusion.beta=1
+run tiny --set particles.motion=1
+run tiny --system nubot-mti --set matching=1
+run tiny --system fake --set noise_m
+run tiny --system fake --config none.yaml
+run tiny --start 1,2
+run tiny --start 1,2,nan
+run tiny --start=1,2,90
+run tiny --start=-12.5,2,0
+run tiny --start 1,2,3 --own-half
+run tiny --system fake --output tiny
+run tiny --preset papr
+run tiny --field msl-18x12
+demo --output tiny
+evaluate nowhere
+evaluate tiny
+evaluate tiny/ground_truth.tum
+evaluate tiny/ground_truth.tum --truth tiny/images.csv
+evaluate tiny/ground_truth.tum --truth tiny/ground_truth.tum --skip 99
+view nowhere.png
+view tiny/images/000000.png
+view tiny --camera tiny/camera.yaml
+view tiny/images/000000.png --camera tiny/camera.yaml --frame 1
+view tiny --frame 12
+view tiny/images.csv --camera tiny/camera.yaml
+locate nowhere.csv
+locate tiny/images/000000.png
+check nowhere
+fields msl
+fields new a/b A=12
+systems nubot
+"""
 
 
-def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["systems", "nubot-mti"]) == 0
-    out, _ = told(capsys)
-    assert "matching.c_m" in out
-    assert "0.25" in out
+def refused(arguments: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line that a command with bad arguments prints."""
+    assert main(arguments.split()) == 2, arguments
+    out, err = told(capsys)
+    assert out == "", arguments
+    assert err.startswith("error: "), err
+    assert err.count("\n") == 1, err
+    return err.strip()
+
+
+def test_bad_arguments_have_status_2_and_one_plain_line(
+    recording: Path, capsys: pytest.CaptureFixture[str], snapshot: SnapshotAssertion
+) -> None:
+    said = "\n".join(f"{line}\n  {refused(line, capsys)}" for line in BAD_ARGUMENTS.strip().splitlines())
+    assert said == snapshot
+    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["fly"], "fly"),
-        (["--wings"], "--wings"),
-        (["run"], "'RECORDING'"),
-        (["run", "nowhere"], "nowhere: there is no such recording"),
-        (["run", "tiny", "--wings"], "--wings"),
-        (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),
-        (["run", "tiny", "--system", "fake", "--set", "noise=1"], "did you mean 'noise_m'?"),
-        (["run", "tiny", "--set", "motion"], "--set motion: expected KEY=VALUE, for example --set start_position_m="),
-        (["experiment", "xiong-samples", "--output", "tiny/images.csv"], "cannot be written"),
-        (["run", "tiny", "--system", "fake", "--set", "sigma=1"], "unknown setting 'sigma': known: noise_m"),
-        (
-            ["run", "tiny", "--system", "nubot-mti", "--set", "fusion.beta=1"],
-            "setting 'fusion.beta' belongs to iris-fusion, not to the chosen",
-        ),
-        (
-            ["run", "tiny", "--set", "particles.motion=1"],
-            "setting 'particles' belongs to nubot-mcl, nubot-mcl-alone, iris-fusion and nimbro-lines",
-        ),
-        (
-            ["run", "tiny", "--system", "nubot-mti", "--set", "matching=1"],
-            "'matching' is a group of settings, not a value: c_m, iterations",
-        ),
-        (
-            ["run", "tiny", "--system", "nubot-mti", "--set", "fusion.betas=1"],
-            "unknown setting 'fusion.betas': known in fusion: ",
-        ),
-        (["run", "tiny", "--system", "fake", "--set", "noise_m"], "expected KEY=VALUE"),
-        (["run", "tiny", "--system", "fake", "--config", "none.yaml"], "none.yaml: cannot be read"),
-        (["run", "tiny", "--start", "1,2"], "expected X,Y,HEADING"),
-        (["run", "tiny", "--start", "1,2,nan"], "finite"),
-        (["run", "tiny", "--start=1,2,90"], "is it in radians?"),
-        (["run", "tiny", "--start=-12.5,2,0"], "far off the field msl-18x12 of 18 × 12 m"),
-        (["run", "tiny", "--start=1,9.5,0"], "far off the field"),
-        (["run", "tiny", "--start", "1,2,3", "--own-half"], "exclude each other"),
-        (["run", "tiny", "--seed", "-1"], "--seed"),
-        (["run", "tiny", "--seed", "one"], "--seed"),
-        (["run", "tiny", "--system", "fake", "--output", "tiny"], "exists already"),
-        (["demo", "--output", "tiny"], "exists already"),
-        (["demo", "now"], "now"),
-        (["evaluate"], "'RUN'"),
-        (["evaluate", "nowhere"], "there is no such run"),
-        (["evaluate", "tiny"], "summary.json: cannot be read"),
-        (["evaluate", "tiny/ground_truth.tum"], "--truth FILE"),
-        (["evaluate", "tiny/ground_truth.tum", "--truth", "tiny/images.csv"], "line 1: expected 't x y z"),
-        (["evaluate", "tiny/ground_truth.tum", "--truth", "tiny/ground_truth.tum", "--skip", "99"], "left out"),
-        (["view"], "RECORDING|IMAGE"),
-        (["view", "nowhere.png"], "there is no such recording or image"),
-        (["view", "tiny/images/000000.png"], "--camera FILE"),
-        (["view", "tiny", "--camera", "tiny/camera.yaml"], "brings its own"),
-        (
-            ["view", "tiny/images/000000.png", "--camera", "tiny/camera.yaml", "--frame", "1"],
-            "--frame is for recordings",
-        ),
-        (["view", "tiny", "--frame", "12"], "images are 0 to 11"),
-        (["view", "tiny/images.csv", "--camera", "tiny/camera.yaml"], "not an image"),
-        (["locate", "nowhere.csv"], "nowhere.csv: cannot be read"),
-        (["locate", "tiny/images/000000.png"], "--camera FILE"),
-        (["check", "nowhere"], "no such recording"),
-        (["fields", "msl"], "did you mean"),
-        (["systems", "nubot"], "did you mean 'nubot-mti'?"),
-        (["run", "tiny", "--preset", "papr"], "no preset 'papr'; the one there is: paper; nubot-mti, "),
-        (["run", "tiny", "--field", "msl-18x12"], "a recording's folder tells its field and camera itself"),
-        (["convert", "tiny", "tiny/images.csv/tiny.mcap"], "tiny.mcap: cannot be written"),
-        (["fields", "new", "a/b", "A=12"], "a/b: is no name of a field"),
-    ],
+    "arguments", ["fly", "--wings", "run", "run tiny --wings", "run tiny --seed -1", "run tiny --seed one", "demo now"]
 )
-def test_bad_arguments_have_status_2_and_one_plain_line(
-    recording: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+def test_what_the_command_line_s_library_refuses_is_one_line_too(
+    recording: Path, capsys: pytest.CaptureFixture[str], arguments: str
 ) -> None:
-    assert main(arguments) == 2
-    out, err = told(capsys)
-    assert out == ""
-    assert err.startswith("error: ")
-    assert said in err
-    assert len(err.splitlines()) == 1
-    assert "Traceback" not in err
-    assert not Path("runs").exists()
+    assert "--help" in refused(arguments, capsys) or arguments.split()[-1] in refused(arguments, capsys)
+
+
+def help_of(name: str, command: Any) -> Iterator[str]:
+    """Names, words and defaults, without a layout, which is Rich's."""
+    yield f"{name}: {(command.help or '').splitlines()[0]}"
+    for each in command.params:
+        if each.name not in ("help", "install_completion", "show_completion"):
+            names = " ".join((*each.opts, *each.secondary_opts)) if each.param_type_name == "option" else each.metavar
+            yield f"  {names or each.name}: {each.help}{' [required]' if each.required else ''}"
+    for inner, found in getattr(command, "commands", {}).items():
+        yield from help_of(f"{name} {inner}", found)
+
+
+def test_help_of_every_command(snapshot: SnapshotAssertion) -> None:
+    assert "\n".join(help_of("touchline", typer.main.get_command(app))) == snapshot
 
 
 def test_an_unexpected_error_is_told_in_one_line(
@@ -487,30 +344,3 @@ def test_an_unexpected_error_is_told_in_one_line(
     assert main(["evaluate", "anything"]) == 1
     _, err = told(capsys)
     assert err == "error: unexpected RuntimeError: a defect (touchline --debug evaluate anything shows the traceback)\n"
-
-
-def test_a_path_that_may_not_be_looked_into_is_bad_input(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def closed(path: Path, **_: object) -> None:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "stat", closed)
-    assert main(["locate", "closed/points.csv"]) == 2
-    assert told(capsys)[1] == "error: closed/points.csv: Permission denied\n"
-
-
-@pytest.mark.parametrize("group", ["bench", "calibrate"])
-def test_a_group_alone_shows_its_help_and_says_that_something_is_missing(
-    group: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([group]) == 2
-    out, err = told(capsys)
-    assert "Usage" in out + err
-    assert err.endswith(f"error: Missing command or argument. See touchline {group} --help\n")
-
-
-def test_the_help_names_the_default_system(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("run", "view"):
-        assert main([command, "--help"]) == 0
-        assert f"default: {DEFAULT_SYSTEM}" in " ".join(told(capsys)[0].replace("│", " ").split())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import pytest
@@ -15,16 +14,6 @@ from touchline.cli import main
 @pytest.fixture
 def good(tmp_path: Path, small_data: Path) -> Path:
     return borrow(small_data / "omni_msl_track", tmp_path / "track", frames=8)
-
-
-def test_a_good_recording_ends_with_0_and_a_line_for_each_finding(
-    good: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["check", str(good)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ["severity", "where", "what", "what", "to", "do"]
-    assert lines[-1].startswith("omni_msl_track_short: 8 images, 0 errors, 0 warnings, ")
-    assert any(line.startswith("ok") and "all 8 images can be decoded" in line for line in lines)
 
 
 def test_warnings_end_with_0(good: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,12 +49,6 @@ def test_json_holds_the_findings_and_nothing_else(good: Path, capsys: pytest.Cap
     assert set(tree["counts"]) == {"ok", "note", "warning", "error"}
     assert sum(tree["counts"].values()) == len(tree["findings"])
     assert set(tree["findings"][0]) == {"check", "severity", "where", "what", "advice", "code"}
-
-
-def test_json_of_errors_ends_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = write_recording(tmp_path / "small", frames=30, wheels={"a_dir_rad": math.pi / 4, "b_dir_rad": 3.0})
-    assert main(["check", str(folder), "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["counts"]["error"] >= 1
 
 
 def test_names_with_brackets_are_printed_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

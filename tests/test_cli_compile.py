@@ -13,7 +13,6 @@ import pytest
 
 from touchline.camera import OmniCamera
 from touchline.cli.console import announce_compiling
-from touchline.compiling import load_loops_lean
 from touchline.evaluation.workers import open_workers
 from touchline.packed_loops import take_packed_loops
 from touchline.systems import SYSTEMS
@@ -48,21 +47,18 @@ with event.install_listener("numba:compile", Listener()):
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 
 
+@pytest.mark.slow
 def test_after_compile_nothing_is_left_to_compile(tmp_path: Path, small_data: Path) -> None:
     done = subprocess.run([*RUN, "compile"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert [name for name in SYSTEMS if f"{name}: ready after" not in done.stdout] == []
-    walk, points = small_data / "humanoid_9x6_walk", tmp_path / "points"
+    walk, points = small_data / "humanoid_9x6_walk", small_data / "omni_9x6_points"
     image = next((EXAMPLE / "images").iterdir())
-    simulated = subprocess.run(
-        [*RUN, "simulate", "match", "--level", "points", "--seconds", "3", "-o", str(points)], capture_output=True
-    )
-    assert simulated.returncode == 0
     carried, paper = small_data / "omni_msl_kidnap", ("--preset", "paper")
     runs = [(name, EXAMPLE if OmniCamera in info.cameras else walk) for name, info in SYSTEMS.items()]
-    runs += [("touchline", walk), ("touchline", points), ("nubot-mti", points), ("touchline", carried)]
-    runs += [("iris-fusion", carried), ("touchline", small_data / "omni_9x6_points")]
-    commands = [["check", str(EXAMPLE)], ["check", str(walk)], ["bench", str(EXAMPLE)]]
+    runs += [("touchline", walk), ("touchline", points), ("touchline", carried)]
+    runs += [("iris-fusion", carried)]
+    commands = [["check", str(EXAMPLE)], ["check", str(walk)]]
     commands += [["locate", str(image), "--camera", str(EXAMPLE / "camera.yaml"), "--field", "msl-18x12"]]
     for number, (system, recording) in enumerate(runs):
         commands += [["run", str(recording), "--system", system, "-o", str(tmp_path / str(number))]]
@@ -93,6 +89,7 @@ def test_a_first_start_says_once_what_it_waits_for() -> None:
     assert any("@cfunc." in code for code in thrice.inspect_llvm().values())
 
 
+@pytest.mark.slow
 def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
     """Numba then keeps its cache in a folder of the user's, or in NUMBA_CACHE_DIR."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -101,6 +98,7 @@ def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
     assert list((tmp_path / "cache").rglob("*.nbi"))
 
 
+@pytest.mark.slow
 def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path: Path) -> None:
     (tmp_path / "loops.py").write_text(
         "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"
@@ -119,26 +117,6 @@ def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path:
         for _ in range(2)
     ]
     assert said == [["2.0", "0", "False", "7.0"], ["2.0", "1", "True", "7.0"]]
-
-
-def test_loops_kept_in_another_shape_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Library:
-        _shared_module = "parsed"
-
-        @classmethod
-        def _unserialize(cls, codegen: object, state: object) -> Library:
-            return cls()
-
-        def _get_module_for_linking(self) -> str:
-            return self._shared_module
-
-    monkeypatch.setattr("numba.core.codegen.CPUCodeLibrary", Library)
-    load_loops_lean.__wrapped__()
-    for state in (("f", "object", b"code"), ("f", "object", ("code", "text")), ("f", "bitcode", b"code"), b"all"):
-        assert Library._unserialize(None, state)._shared_module == "parsed"
-    assert Library._unserialize(None, ("f", "object", (b"code", b"bitcode")))._shared_module is None
-    monkeypatch.setattr("numba.core.codegen.CPUCodeLibrary", None)
-    load_loops_lean.__wrapped__()
 
 
 def numba_is_set(task: int) -> tuple[bool, str, bool]:

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-import json
-import math
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
 import touchline
 from touchline.cli import main
 from touchline.cli.run import EXAMPLE, example_recording
 from touchline.errors import InputError
-from touchline.evaluation import Run
-from touchline.types.estimate import UNCONFIRMED
-from touchline.view.overlay import LINE_COLOR
-
-STAGES = ["original", "colour classes", "scan lines", "field boundary", "line points", "bird's-eye view", "overlay"]
 
 
 @pytest.fixture(autouse=True)
@@ -51,33 +39,18 @@ def test_demo_copies_the_recording_for_those_who_have_no_checkout(capsys: pytest
     assert "exists already" in capsys.readouterr().err
 
 
-def test_demo_prints_the_table_and_the_place_of_the_report(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.slow
+def test_demo_prints_the_table_and_three_lines_of_python_do_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo"]) == 0
     out = capsys.readouterr().out
-    assert "heading (°)" in out
     assert "report: runs/demo-1/report.html" in out
-    page = Path("runs/demo-1/report.html").read_text()
-    assert page.count("data:image/jpeg;base64,") >= 5
-    errors = json.loads(Path("runs/demo-1/summary.json").read_text())["errors"]
-    estimates = Run("runs/demo-1").estimates
-    reasons = [estimates.reasons[reason] for reason in estimates.reason]
-    begun = reasons.index("")
-    assert set(reasons[:begun]) == {UNCONFIRMED}
-    assert begun <= 6  # until the robot has gone 0.3 m
-    assert errors["frames"] >= 58 - begun
-    assert errors["x_m"]["mean"] < 0.015
-    assert errors["y_m"]["mean"] < 0.015
-    assert errors["heading_rad"]["mean"] < math.radians(0.3)
-
-
-def test_three_lines_of_python_do_the_same() -> None:
-    run = touchline.run(example_recording(), system="nubot-mti")
-    assert "position (cm)" in str(run.errors)
+    run = touchline.run(example_recording(), output="same")
     assert run.errors is not None
-    assert run.errors.position.max < 0.06
-    assert run.report.is_file()
+    assert touchline.evaluate("runs/demo-1") == touchline.evaluate(run.folder) == run.errors
+    assert str(run.errors).splitlines()[1] in out
+    assert run.errors.position.mean < 0.02
     assert len(run.estimates) == 60
-    assert touchline.evaluate(run.folder) == run.errors
+    assert Path("runs/demo-1/report.html").read_text().count("data:image/jpeg;base64,") >= 5
 
 
 def test_python_refuses_what_the_command_refuses() -> None:
@@ -97,114 +70,40 @@ def test_everything_public_can_be_reached() -> None:
     assert touchline.__version__
 
 
-def test_a_dim_hall_keeps_its_error_table(tmp_path: Path) -> None:
-    """With a seventh of the light no image counts as black, and none is left out of the errors."""
-    dim = Path(shutil.copytree(example_recording(), tmp_path / "dim"))
-    for path in (dim / "images").iterdir():
-        image = cv2.imread(str(path))
-        assert image is not None
-        path.write_bytes(
-            cv2.imencode(".jpg", (image * 0.15).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-        )
-    run = touchline.run(dim, start=(-5.19, -2.1, 0.0))
-    assert run.errors is not None
-    assert (run.errors.black, run.errors.frames) == (0, 60)
-    assert run.summary.black_images.count == 0
-
-
-def folder_of_length(folder: Path, images: int) -> Path:
-    """The bundled recording there and back again, until it has this many images; a few rows of text, no new image."""
-    example = example_recording()
-    folder.mkdir()
-    for name in ("sequence.yaml", "camera.yaml", "field.yaml"):
-        shutil.copy(example / name, folder)
-    shutil.copytree(example / "images", folder / "images")
-    there = list(range(60))
-    order = itertools.cycle([*there, *reversed(there)])
-    rows = [f"{k / 25:.2f},images/{index:06d}.jpg" for k, index in zip(range(images), order, strict=False)]
-    (folder / "images.csv").write_text("\n".join(["t,file", *rows]) + "\n")
-    return folder
-
-
-def own_memory_mb(recording: Path) -> tuple[float, bool]:
-    """Most memory of a run that is its own, without the libraries' pages; and whether it compiled.
-
-    How many pages of a library count as resident is the kernel's affair: for libraries installed a moment ago they
-    were 80 MB more than for the same ones an hour later.
-    """
-    code = (
-        "import sys\nfrom touchline.cli import main\nstatus = main(['run', sys.argv[1]])\n"
-        # not getrusage: its maximum begins with that of the process that started this one
-        "text = open('/proc/self/status').read()\n"
-        "print('own', *(text.split(key)[1].split()[0] for key in ('VmHWM:', 'RssFile:')))\nsys.exit(status)"
-    )
-    done = subprocess.run([sys.executable, "-c", code, str(recording)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    peak, shared = done.stdout.split("own ")[1].split()
-    return (int(peak) - int(shared)) * 1024 / 1e6, "compiling" in done.stderr
-
-
-def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
-    """Libraries take another 115 MB, so 320 MB in all, and 420 MB where the inner loops are compiled."""
-    short, long = (folder_of_length(tmp_path / str(images), images) for images in (60, 260))
-    long_mb, compiled = own_memory_mb(long)
-    while compiled:  # another test that compiles the same loops may have overwritten the index of what is there
-        assert long_mb < 305
-        long_mb, compiled = own_memory_mb(long)
-    assert long_mb < 205
-    assert (long_mb - own_memory_mb(short)[0]) / 200 < 0.1  # an image that is kept takes 0.7 MB
-
-
-def test_view_of_a_recording_saves_every_stage(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["view", str(example_recording()), "--stages", "--frame", "2", "--output", "stages"]) == 0
-    out = capsys.readouterr().out
-    assert "x -5." in out
-    assert f"searching ({UNCONFIRMED})" in out  # after three images the robot has not yet moved far enough
+@pytest.mark.parametrize(
+    ("system", "stages"),
+    [
+        ("touchline", ["colour-classes", "scan-lines", "field-boundary", "line-points", "birds-eye-view", "overlay"]),
+        ("iris-fusion", ["hsv-threshold", "convex-hull", "hsl-threshold", "bitwise-and", "distances-along-rays"]),
+    ],
+)
+def test_view_draws_the_stages_of_the_named_system(
+    system: str, stages: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["view", str(example_recording()), "--stages", "--frame", "0", "--output", "stages", "--system"]
+    assert main([*arguments, system]) == 0
+    assert f"as {system} has it after 1 image" in capsys.readouterr().out
     names = [path.name for path in sorted(Path("stages").iterdir())]
+    assert [name[3:-4] for name in names if name[3:-4] in stages] == stages
     assert names[-1] == "stages.png"
-    titles = [name[3:-4] for name in names[:-1]]
-    kept = [stage.replace("'", "").replace(" ", "-") for stage in STAGES]
-    assert [title for title in titles if title in kept] == kept
-    sheet = cv2.imread("stages/stages.png")
-    assert sheet is not None
-    assert min(sheet.shape[:2]) > 1000
+    assert min(cv2.imread("stages/stages.png").shape[:2]) > 1000
 
 
-def test_view_draws_the_stages_of_the_system_that_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["view", str(example_recording()), "--stages", "--frame", "2", "--output", "stages", "--system"]
-    assert main([*arguments, "iris-fusion"]) == 0
-    assert "as iris-fusion has it after 3 images" in capsys.readouterr().out
-    titles = [path.name[3:-4] for path in sorted(Path("stages").iterdir())]
-    assert titles[1:6] == ["hsv-threshold", "convex-hull", "hsl-threshold", "bitwise-and", "distances-along-rays"]
-    assert main([*arguments, "iris-fussion"]) == 2
-    assert "did you mean 'iris-fusion'?" in capsys.readouterr().err
-
-
+@pytest.mark.slow
 def test_view_takes_the_first_image_that_shows_where_the_robot_is(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["view", str(example_recording()), "--system", "iris-fusion"]  # which searches for some images
-    assert main([*arguments, "--output", "located"]) == 0
+    assert main(["view", str(example_recording()), "--system", "iris-fusion", "--output", "located"]) == 0
     found = re.search(rf"{EXAMPLE}-(\d+): .*; x -5\..*\(tracking, ", capsys.readouterr().out)
     assert found is not None
     assert int(found[1]) > 0
-    assert main([*arguments, "--frame", "0", "--output", "searching"]) == 0
-    out = capsys.readouterr().out
-    assert "no field lines are drawn: the robot is not located (searching" in out
-    assert "heading" not in out
-    drawn = [cv2.imread(f"{name}/01-overlay.png") for name in ("located", "searching")]
-    magenta = [int((np.abs(picture.astype(int) - LINE_COLOR).max(axis=-1) < 25).sum()) for picture in drawn]
-    assert magenta[0] > 1000
-    assert magenta[1] < 0.02 * magenta[0]
 
 
 def test_view_of_an_image_finds_its_pose_or_the_mirrored_one(capsys: pytest.CaptureFixture[str]) -> None:
     example = example_recording()
     image, camera = example / "images" / "000005.jpg", example / "camera.yaml"
     assert main(["view", str(image), "--camera", str(camera), "--field", "msl-18x12", "--output", "a"]) == 0
-    out = capsys.readouterr().out
     truth = touchline.open_source(example).truth
     assert truth is not None
-    x = abs(float(out.split(" x ")[1].split()[0]))
-    assert x == pytest.approx(abs(truth[5].x), abs=0.1)
+    assert abs(float(capsys.readouterr().out.split(" x ")[1].split()[0])) == pytest.approx(abs(truth[5].x), abs=0.1)
     assert [path.name for path in Path("a").iterdir()] == ["01-overlay.png"]
 
 

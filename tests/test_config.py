@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 
 from touchline.calibration.colour import read_regions
 from touchline.camera import open_camera
@@ -14,8 +13,6 @@ from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.sources import open_source
-
-ROOT = Path(__file__).parents[1]
 
 
 class Wheel(Settings):
@@ -60,14 +57,6 @@ def test_what_does_not_fit_is_told_with_its_line(tmp_path: Path, text: str, mess
         load_settings(Robot, yaml_file(tmp_path, text))
 
 
-def test_several_mistakes_have_a_line_each_and_those_of_a_change_have_none(tmp_path: Path) -> None:
-    path = yaml_file(tmp_path, "name: 3\nwheel:\n  teeth: 2.5")
-    with pytest.raises(InputError, match=r"robot.yaml, line 1: setting 'name': .*; line 3: setting 'wheel.teeth': "):
-        load_settings(Robot, path)
-    with pytest.raises(InputError, match=r"^setting 'wheel.teeth': "):
-        load_settings(Robot, yaml_file(tmp_path, "name: a\nwheel: {teeth: 2}"), ["wheel.teeth=2.5"])
-
-
 def test_truths_are_truths_where_a_truth_is_wanted(tmp_path: Path) -> None:
     settings = load_settings(Robot, yaml_file(tmp_path, "wheel: {driven: no, teeth: 3, places: [[1, 2.5]]}"))
     assert settings.wheel == Wheel(driven=False, teeth=3, places=((1.0, 2.5),))
@@ -96,24 +85,12 @@ def test_keys_may_come_again_in_another_mapping_and_over_merged_ones(tmp_path: P
     assert read_yaml(yaml_file(tmp_path, inside))["three"] == {"a": 3}
 
 
-def test_a_key_that_stands_twice_in_one_line_is_refused_too(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="line 2: 'b' stands there already"):
-        read_yaml(yaml_file(tmp_path, "a:\n  - {b: 1, b: 2}"))
-
-
 @pytest.mark.parametrize("text", ["2026-13-45", "!!float x", "0b_"])
 def test_what_only_looks_like_a_date_or_a_number_is_told(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError, match=r"robot\.yaml, line 1: holds a value that cannot be read"):
         read_yaml(yaml_file(tmp_path, f"name: {text}"))
     with pytest.raises(InputError, match=r"--set name=.*not readable"):
         load_settings(Robot, None, [f"name={text}"])
-
-
-def test_every_yaml_file_of_ours_is_read_as_before() -> None:
-    files = [*ROOT.glob("src/**/*.yaml"), *ROOT.glob("tests/data/**/*.yaml"), *ROOT.glob("examples/**/*.yaml")]
-    assert len(files) > 25
-    for path in files:
-        assert read_yaml(path) == yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
 def test_the_line_of_an_entry_is_that_of_the_nearest_one_that_is_there(tmp_path: Path) -> None:

@@ -10,14 +10,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fakes import FakeSource, FakeSystem, true_samples, write_recording
 
-from touchline.api import prepare
 from touchline.cli import main
 from touchline.config import Settings
 from touchline.errors import InputError, TouchlineError
@@ -69,6 +67,7 @@ def cut(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_no_row(tmp_path: Path) -> None:
     program = (
         "import os, signal, sys\nsys.path[:0] = sys.argv[1:2]\n"
@@ -101,21 +100,6 @@ def test_the_summary_goes_with_the_run(tmp_path: Path, monkeypatch: pytest.Monke
     assert seen[-1].black_images == BlackImages(count=2, stretches_ns=[(100_000_000, 200_000_000)])
 
 
-def test_a_run_says_what_it_is_of_before_its_first_image(tmp_path: Path) -> None:
-    seen: list[str] = []
-
-    class Looking(FakeSystem):
-        def step(self, frame: Frame) -> Estimate:
-            if not seen:
-                seen.append(read_summary(Path("run")).recording.name)
-            return super().step(frame)
-
-    prepared = prepare(write_recording(tmp_path / "tiny"), "fake")
-    Path("run").mkdir()
-    replace(prepared, system=Looking(np.random.default_rng(0))).execute(Path("run"))  # type: ignore[arg-type]
-    assert seen == ["tiny"]
-
-
 def test_a_cut_run_is_evaluated_and_said_to_be_cut(cut: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert main(["evaluate", str(cut)]) == 0
@@ -123,25 +107,6 @@ def test_a_cut_run_is_evaluated_and_said_to_be_cut(cut: Path, capsys: pytest.Cap
     said = "the run has not come to its end: it was cut off, or still goes on; 4 images done"
     assert err == f"warning: cut: {said}\n"
     assert "3 frames counted" in out
-
-
-def test_of_a_run_without_a_summary_the_truth_is_asked_for(cut: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (cut / "summary.json").unlink()
-    capsys.readouterr()
-    assert main(["evaluate", str(cut)]) == 2
-    assert "does not name its recording; give the truth with --truth FILE" in capsys.readouterr().err
-    assert main(["evaluate", str(cut), "--truth", "tiny/ground_truth.tum"]) == 0
-    assert "cut off" in capsys.readouterr().err
-
-
-def test_a_whole_run_is_evaluated_without_a_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording = write_recording(tmp_path / "tiny")
-    Path("run").mkdir()
-    with RunFolder(Path("run"), RunSummary(recording={"path": str(recording)})) as rows:
-        tally = run_frames(FakeSource(12), FakeSystem(np.random.default_rng(0)), rows)
-        rows.sync(tally.summary())
-    assert main(["evaluate", "run"]) == 0
-    assert capsys.readouterr().err == ""
 
 
 def test_a_row_that_the_disk_does_not_take_leaves_those_before_whole(tmp_path: Path) -> None:
@@ -155,7 +120,7 @@ def test_a_row_that_the_disk_does_not_take_leaves_those_before_whole(tmp_path: P
     assert len(table) == tally.frames == 11
 
 
-@pytest.mark.parametrize("size", [300, 1500, 2500, 30_000])
+@pytest.mark.parametrize("size", [300, 2500])
 def test_a_full_disk_is_named_and_nothing_is_left_in_halves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], size: int
 ) -> None:
@@ -203,21 +168,3 @@ def test_a_signal_ends_a_run_after_the_image_at_hand(
     assert capsys.readouterr().err.splitlines()[-1] == "error: interrupted: 5 images done"
     assert (len(Run("runs/tiny-1").estimates), Run("runs/tiny-1").summary.ended) == (5, "interrupted")
     assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
-
-
-# a job in the background, as tests may be, is born ignoring it
-HEEDING = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-
-
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
-def test_a_signal_while_a_command_starts_shows_no_traceback(kind: str) -> None:
-    program = (
-        f"import os, signal, sys\n{HEEDING}import importlib.abc\nfrom touchline.cli import main\n"
-        "class Signalling(importlib.abc.MetaPathFinder):\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'rich.table':\n"
-        f"            sys.meta_path.remove(self)\n            os.kill(os.getpid(), signal.{kind})\n"
-        "sys.meta_path.insert(0, Signalling())\nsys.argv = ['touchline', 'systems']\nsys.exit(main())\n"
-    )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "error: interrupted\n")

@@ -8,15 +8,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-import tomllib
-from settings_page import settings_page, unit_of
 
 import touchline
 from touchline.systems import SYSTEMS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-FOR_BUILDERS = ("architecture.md", "how-to-extend.md")  # whose code is part of the house
 DESCRIBED_ON = {"nubot-mcl-alone": "nubot-mcl.md"}
 
 
@@ -37,19 +34,6 @@ def test_every_page_is_in_the_menu_once(site: ModuleType, tmp_path: Path) -> Non
     pages = {page.name for page in (tmp_path / "docs" / "docs").glob("*.md")}
     assert len(menu) == len(set(menu))
     assert pages - {f"{name}.md" for name in SYSTEMS} <= set(menu) <= pages
-    tomllib.loads((tmp_path / "docs" / "zensical.toml").read_text(encoding="utf-8"))
-
-
-def test_the_page_shows_no_setting_twice() -> None:
-    rows = [line for line in settings_page().splitlines() if line.startswith("| `")]
-    assert len(rows) == len(set(rows))
-
-
-@pytest.mark.parametrize(
-    ("key", "unit"), [("c_m", "m"), ("a.drift_per_m", "1/m"), ("speed_m_s", "m/s"), ("lag_s", "s"), ("gate", "–")]
-)
-def test_units_are_read_from_names(key: str, unit: str) -> None:
-    assert unit_of(key) == unit
 
 
 def test_links_lead_to_pages_pictures_or_the_repository(site: ModuleType) -> None:
@@ -79,15 +63,6 @@ def test_all_that_is_public_stands_in_the_reference() -> None:
     assert [n for n in touchline.__all__ if n not in names and getattr(touchline, n).__module__ not in listed] == []
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in FOR_BUILDERS], ids=lambda path: path.name)
-def test_the_python_of_a_page_imports_what_is_public(page: Path) -> None:
-    blocks = re.findall(r"^ *```python\n(.*?)^ *```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    imported = re.findall(r"^ *(?:from|import) (touchline\S*)(?: import (.*))?", "\n".join(blocks), re.MULTILINE)
-    assert {module for module, _ in imported} <= {"touchline", "touchline.errors"}
-    names = {name.strip() for module, line in imported if module == "touchline" for name in line.split(",")} - {""}
-    assert names <= set(touchline.__all__)
-
-
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_every_system_has_a_page(name: str) -> None:
     page = ROOT / "docs" / DESCRIBED_ON.get(name, f"{name}.md")
@@ -103,16 +78,3 @@ def test_what_a_page_names_behind_a_file_is_defined_in_it(page: Path) -> None:
         if not re.search(rf"^\s*(?:def|class) {what}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert wrong == []
-
-
-def test_cells_say_of_which_column_they_are(site: ModuleType) -> None:
-    """So that a table can be read on a screen where its columns don't fit beside each other."""
-    heads = '<thead><tr><th>row</th><th style="x">a "<em>b</em>"</th></tr></thead>'
-    table = f"<table>\n{heads}\n<tr><td>1</td><td>2</td></tr></table>"
-    moved = site.TABLE.sub(site.with_columns, f"<p>{table}</p>{table}")
-    assert moved.count('<td data-column="row">1</td><td data-column="a &quot;b&quot;">2</td>') == 2
-
-
-def test_the_scripts_of_pictures_lie_in_the_repository(site: ModuleType) -> None:
-    moved = site.with_site_links("[a](images/integrity.py)", "docs/integrity.md", {})
-    assert moved == f"[a]({site.address()}/blob/main/docs/images/integrity.py)"

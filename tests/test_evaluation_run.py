@@ -14,10 +14,10 @@ from fakes import STEP_NS, FakeSource, FakeSystem, true_pose, true_samples
 from touchline.errors import InputError
 from touchline.evaluation import Run, evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import COLUMNS, csv_row, header, read_estimates
-from touchline.evaluation.latency import LatencyHistogram, milliseconds
+from touchline.evaluation.latency import LatencyHistogram
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
 from touchline.evaluation.runner import RunTally, run_frames, said_text
-from touchline.evaluation.summary import Durations, EitherSide, RunSummary
+from touchline.evaluation.summary import EitherSide, RunSummary
 from touchline.geometry import Pose
 from touchline.types import Estimate, Frame, Hypothesis, Mode, Problem, ProblemCode, Status
 
@@ -37,24 +37,11 @@ def test_every_image_has_one_line_in_both_files(tmp_path: Path) -> None:
     trajectory = read_tum(tmp_path / "run" / "trajectory.tum")
     table = read_estimates(tmp_path / "run" / "estimates.csv")
     assert tally.frames == len(trajectory) == len(table) == 9
+    summary = tally.summary()
+    assert summary.status == {"tracking": 8, "searching": 1, "lost": 0}
+    assert (summary.duration_s, summary.recording_rate_hz) == (pytest.approx(0.8), pytest.approx(10.0))
     assert np.array_equal(trajectory.stamp_ns, table.trajectory.stamp_ns)
     np.testing.assert_allclose(trajectory.values, table.trajectory.values, atol=2e-6)
-
-
-def test_estimates_csv_holds_bounds_statistics_and_reasons(tmp_path: Path) -> None:
-    plain = Estimate(0, true_pose(0), np.eye(3), Status.SEARCHING, reason='"found", not yet confirmed')
-    bounded = replace(
-        plain, stamp_ns=1, status=Status.TRACKING, reason="", protection_m=0.0612, protection_rad=0.0203,
-        end_probability=0.99, statistics={"motion": 0.125, "share": 1.5},
-    )  # fmt: skip
-    path = tmp_path / "estimates.csv"
-    path.write_text(HEADER + "\n" + "".join(csv_row(one) for one in (plain, bounded, replace(plain, stamp_ns=2))))
-    table = read_estimates(path)
-    for column, value in (("protection_m", 0.0612), ("protection_rad", 0.0203), ("end_probability", 0.99)):
-        np.testing.assert_allclose(getattr(table, column), [np.nan, value, np.nan], rtol=1e-6)
-    for name, value in (("motion", 0.125), ("share", 1.5)):
-        np.testing.assert_allclose(table.statistics[name], [np.nan, value, np.nan])
-    assert [table.reasons[k] for k in table.reason] == ['"found", not yet confirmed', "", '"found", not yet confirmed']
 
 
 def test_an_estimate_comes_back_from_the_table(tmp_path: Path) -> None:
@@ -64,8 +51,16 @@ def test_an_estimate_comes_back_from_the_table(tmp_path: Path) -> None:
         hypotheses=(Hypothesis(true_pose(3).mirrored(), 0.123, 0.25),), mode=Mode.BOTH, reason="in doubt",
         protection_m=0.06, end_probability=0.5, statistics={"motion": 0.25},
     )  # fmt: skip
-    (tmp_path / "e.csv").write_text(header(written) + csv_row(written))
-    back = read_estimates(tmp_path / "e.csv").estimate(0)
+    bare = Estimate(1_334_567_890, true_pose(4), covariance, Status.LOST, reason='"found", not yet')
+    tables = []
+    for estimate in (written, bare):
+        (tmp_path / "e.csv").write_text(header(estimate) + csv_row(estimate))
+        tables.append(read_estimates(tmp_path / "e.csv"))
+    one, other = tables
+    assert np.isnan([other.protection_m, other.end_probability]).all()
+    assert (other.estimate(0).reason, other.has_status(Status.LOST).tolist()) == (bare.reason, [True])
+    np.testing.assert_allclose(one.std[0], [0.2, 0.3, 0.1], rtol=1e-6)
+    back = one.estimate(0)
     np.testing.assert_allclose(back.covariance, covariance, rtol=1e-6)
     names = ("stamp_ns", "status", "points", "mode", "reason", "protection_rad", "statistics")
     assert [getattr(back, name) for name in names] == [getattr(written, name) for name in names]
@@ -85,30 +80,6 @@ def test_estimates_of_older_versions_are_read(tmp_path: Path, more: str) -> None
     np.testing.assert_allclose(table.std[0], [2.0, 3.0, 1.0])
     assert table.probability[0] == pytest.approx(0.5 if "probability" in more else math.nan, nan_ok=True)
     assert (np.isnan(table.protection_m).all(), table.statistics, table.reasons) == (True, {}, ("",))
-
-
-def test_estimates_csv_holds_all_that_the_estimate_said(tmp_path: Path) -> None:
-    covariance = np.array([[0.04, 0.001, 0.002], [0.001, 0.09, 0.003], [0.002, 0.003, 0.01]])
-    estimate = Estimate(
-        1_234_567_890, true_pose(3), covariance, Status.LOST, 0.123, 45,
-        probability=0.75, perception_ms=1.25, localization_ms=0.5,
-        hypotheses=(Hypothesis(true_pose(3).mirrored(), 0.123, 0.2),),
-    )  # fmt: skip
-    path = tmp_path / "estimates.csv"
-    path.write_text(HEADER + "\n" + csv_row(estimate))
-    header, row = path.read_text().splitlines()
-    fields = dict(zip(header.split(","), row.split(","), strict=True))
-    assert fields["t"] == "1.234567890"
-    assert [float(fields[key]) for key in ("x", "y", "theta")] == pytest.approx(list(true_pose(3)), abs=1e-6)
-    written = [float(fields[f"cov_{key}"]) for key in ("xx", "xy", "xt", "yy", "yt", "tt")]
-    assert written == pytest.approx([0.04, 0.001, 0.002, 0.09, 0.003, 0.01])
-    assert (fields["status"], fields["points"], fields["residual_m"]) == ("lost", "45", "0.123000")
-    assert (float(fields["perception_ms"]), float(fields["localization_ms"])) == (1.25, 0.5)
-    assert (fields["probability"], fields["twin_probability"]) == ("0.7500", "0.2000")
-    table = read_estimates(path)
-    assert (table.probability[0], table.twin_probability[0]) == pytest.approx((0.75, 0.2))
-    np.testing.assert_allclose(table.std[0], [0.2, 0.3, 0.1], rtol=1e-6)
-    assert table.has_status(Status.LOST).tolist() == [True]
 
 
 def test_a_residual_without_points_is_empty_and_read_as_nan(tmp_path: Path) -> None:
@@ -136,14 +107,6 @@ def test_a_broken_estimates_file_is_refused_with_the_line(tmp_path: Path, change
         read_estimates(tmp_path / "e.csv")
 
 
-def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
-    for name, seed in (("a", 7), ("b", 7), ("c", 8)):
-        run_into(tmp_path / name, FakeSource(20), FakeSystem(np.random.default_rng(seed)))
-    first, second, other = ((tmp_path / name / "trajectory.tum").read_bytes() for name in "abc")
-    assert first == second
-    assert first != other
-
-
 def test_frames_without_image_reach_the_system_and_are_counted(tmp_path: Path) -> None:
     system = FakeSystem(np.random.default_rng(0))
     tally = run_into(tmp_path / "run", FakeSource(8, missing=(3, 4)), system)
@@ -153,19 +116,15 @@ def test_frames_without_image_reach_the_system_and_are_counted(tmp_path: Path) -
 
 
 def test_black_stretches_are_found(tmp_path: Path) -> None:
-    tally = run_into(tmp_path / "run", FakeSource(10, black=(2, 3, 4, 7)))
-    assert tally.black == 4
-    assert tally.black_ns == [(2 * STEP_NS, 4 * STEP_NS), (7 * STEP_NS, 7 * STEP_NS)]
-
-
-def test_a_dim_hall_is_not_black(tmp_path: Path) -> None:
     class Dim(FakeSource):
         def __iter__(self) -> Iterator[Frame]:
             for frame in super().__iter__():
                 assert frame.image is not None
                 yield replace(frame, image=(frame.image * 0.1).astype(np.uint8))
 
-    assert run_into(tmp_path / "run", Dim(10, black=(2,))).black_ns == [(2 * STEP_NS, 2 * STEP_NS)]
+    tally = run_into(tmp_path / "run", Dim(10, black=(2, 3, 4, 7)))
+    assert tally.black == 4  # others are as dark as a dim hall
+    assert tally.black_ns == [(2 * STEP_NS, 4 * STEP_NS), (7 * STEP_NS, 7 * STEP_NS)]
 
 
 def test_frames_that_fit_the_other_end_of_the_field_as_well_are_counted(tmp_path: Path) -> None:
@@ -204,18 +163,6 @@ def test_what_a_system_says_is_kept_once(tmp_path: Path) -> None:
     assert said_text(said[0]).endswith(f" to {said[0].until:.2f} s (5 images): undecided")
 
 
-def test_a_problem_that_comes_again_later_is_another_stretch() -> None:
-    tally, frame = RunTally(), Frame(0)
-    for stamp_s in (0.0, 0.1, 0.2, 5.0, 5.1):
-        found = (Problem(ProblemCode.IMAGES_REPEAT, f"the image has not changed for {stamp_s} s"),)
-        estimate = Estimate(round(1e9 * stamp_s), true_pose(0), np.eye(3), Status.SEARCHING, problems=found)
-        tally.add(replace(frame, stamp_ns=estimate.stamp_ns), estimate, False)
-    assert [(str(one.problem)[-5:], one.first_ns, one.last_ns, one.images) for one in tally.said.stretches] == [
-        ("0.2 s", 0, 200_000_000, 3),
-        ("5.1 s", 5_000_000_000, 5_100_000_000, 2),
-    ]
-
-
 def test_every_latency_leaves_out_the_first_ten_images(tmp_path: Path) -> None:
     class Starting(FakeSystem):
         def step(self, frame: Frame) -> Estimate:
@@ -232,19 +179,6 @@ def test_every_latency_leaves_out_the_first_ten_images(tmp_path: Path) -> None:
     assert few.total.max == few.start_max == pytest.approx(100.5)
 
 
-def test_a_failure_keeps_what_was_done(tmp_path: Path) -> None:
-    class Breaking(FakeSystem):
-        def step(self, frame: Frame) -> Estimate:
-            if len(self.seen) == 4:
-                raise ZeroDivisionError("by design")
-            return super().step(frame)
-
-    tally = run_into(tmp_path / "run", FakeSource(10), Breaking(np.random.default_rng(0)))
-    assert (tally.ended, tally.frames) == ("failed", 4)
-    assert len(read_tum(tmp_path / "run" / "trajectory.tum")) == 4
-    assert read_summary(tmp_path / "run").failure == "ZeroDivisionError: by design"
-
-
 def test_a_wish_to_stop_ends_the_run_after_the_frame_at_hand(tmp_path: Path) -> None:
     done: list[Frame] = []
     with RunFolder(tmp_path) as writer:
@@ -259,22 +193,6 @@ def test_a_wish_to_stop_ends_the_run_after_the_frame_at_hand(tmp_path: Path) -> 
     assert len(read_tum(tmp_path / "trajectory.tum")) == 3
 
 
-def test_summary_counts_and_rates(tmp_path: Path) -> None:
-    summary = run_into(tmp_path / "run", FakeSource(11)).summary()
-    assert summary.frames == 11
-    assert summary.status == {"tracking": 10, "searching": 1, "lost": 0}
-    assert summary.duration_s == pytest.approx(1.0)
-    assert summary.recording_rate_hz == pytest.approx(10.0)
-    assert summary.latency_ms.perception.median == pytest.approx(1.0, rel=0.01)
-    assert summary.latency_ms.total.p99 == pytest.approx(1.5, rel=0.01)
-
-
-def test_a_run_without_pictures_keeps_no_image(tmp_path: Path) -> None:
-    with RunFolder(tmp_path) as writer:
-        tally = run_frames(FakeSource(3), FakeSystem(np.random.default_rng(0)), writer, pictures=False)
-    assert (tally.ended, tally.frames, tally.pictures) == ("complete", 3, None)
-
-
 def test_pictures_are_a_handful_and_hold_the_worst_fitting_frame(tmp_path: Path) -> None:
     tally = run_into(tmp_path / "run", FakeSource(200))
     assert tally.pictures is not None
@@ -285,26 +203,8 @@ def test_pictures_are_a_handful_and_hold_the_worst_fitting_frame(tmp_path: Path)
     assert kept[-1].reason == "largest residual"
 
 
-def test_a_folder_that_exists_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="exists already") as caught:
-        new_folder(tmp_path, "name")
-    assert caught.value.exit_status == 2
-
-
 def test_new_folders_are_numbered(tmp_path: Path) -> None:
     assert [new_folder(None, "demo", tmp_path / "runs").name for _ in range(3)] == ["demo-1", "demo-2", "demo-3"]
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError):
-        new_folder(tmp_path / "file" / "run", "name")
-
-
-def test_numbers_that_are_none_become_null(tmp_path: Path) -> None:
-    write_summary(tmp_path, RunSummary(rate_fps=math.nan, settings={"b": [1.0, math.inf]}))
-    summary = read_summary(tmp_path)
-    assert (summary.rate_fps, summary.settings) == (None, {"b": [1.0, None]})
 
 
 def test_a_summary_comes_back_and_keeps_a_path_that_is_no_utf_8(tmp_path: Path) -> None:
@@ -333,6 +233,7 @@ def test_evaluation_of_a_folder_knows_status_and_black_images(tmp_path: Path) ->
     assert (table.frames, table.before_first, table.black) == (17, 1, 2)
     assert 0.0 < table.x.mean < 0.03
     assert evaluate(tmp_path / "run", tmp_path / "truth.tum", skip=4).skipped == 4
+    assert evaluate(tmp_path / "run" / "trajectory.tum", tmp_path / "truth.tum").frames == 20
 
 
 def test_a_run_says_why_it_has_no_errors(tmp_path: Path) -> None:
@@ -345,12 +246,6 @@ def test_a_run_says_why_it_has_no_errors(tmp_path: Path) -> None:
     run.truth = None
     assert run.errors is None
     assert run.why_no_errors == "the recording holds no truth to compare with"
-
-
-def test_evaluation_of_a_trajectory_counts_every_frame(tmp_path: Path) -> None:
-    run_into(tmp_path / "run", FakeSource(20, black=(5, 6)))
-    write_tum(tmp_path / "truth.tum", true_samples(20))
-    assert evaluate(tmp_path / "run" / "trajectory.tum", tmp_path / "truth.tum").frames == 20
 
 
 def test_evaluation_without_truth_says_what_to_do(tmp_path: Path) -> None:
@@ -378,18 +273,6 @@ def test_histogram_percentiles_are_within_its_bins() -> None:
         exact = np.percentile(values, percent, method="inverted_cdf")
         assert histogram.percentile_ms(percent) == pytest.approx(exact, rel=0.0075)
     assert histogram.max_ms == values.max()
-
-
-def test_histogram_takes_any_duration() -> None:
-    histogram = LatencyHistogram()
-    assert histogram.summary() == Durations()
-    for value in (0.0, 1e9):
-        histogram.add(value)
-    assert len(histogram) == 2
-
-
-def test_durations_are_printed_with_three_digits() -> None:
-    assert [milliseconds(value) for value in (0.01234, 2.3612, 99.94, 1514.2)] == ["0.0123", "2.36", "99.9", "1514"]
 
 
 @pytest.mark.parametrize("stretches", ["[[1, 1e999]]", "[[1]]", "[1]", '"x"', "null"])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from touchline.errors import InputError
 from touchline.field import FieldModel, load_field, open_field, preset_names
@@ -46,104 +47,30 @@ def test_presets_equal_the_fields_of_the_recordings(name: str, recording: str, s
     assert open_field(name) == load_field(shared_data / recording / "field.yaml")
 
 
-def test_preset_names() -> None:
-    assert set(preset_names()) == {
-        "msl-18x12",
-        "msl-22x14",
-        "indoor-9x6",
-        "spl-9x6",
-        "humanoid-adult-14x9",
-        "humanoid-kid-9x6",
-        "hsl-s-9x6",
-        "hsl-m-14x9",
-        "hsl-l-22x14",
-    }
+def sizes(field: FieldModel) -> str:
+    """By its letters, and what they leave out."""
+    letters = " ".join(f"{letter}={size:g}" for letter, size in field.letters.items())
+    posts = sorted({(abs(p.x), abs(p.y), p.diameter, p.height, p.kind, p.colors_from_ground) for p in field.posts})
+    arcs = sorted({round(float(radius), 4) for _, _, radius, *_ in field.arcs})
+    return f"{field.name}: {letters}; line {field.line_width:g}; arcs {arcs}; posts {posts}"
 
 
-# Rules: length, width; penalty area depth, width; goal area depth, width; circle diameter; mark distance. To the outer
-# edge of the lines but for the SPL, whose rule book measures to their middle.
-RULES = {
-    "msl-18x12": (18.0, 12.0, 2.25, 6.5, 0.75, 3.5, 4.0, 3.0),
-    "msl-22x14": (22.0, 14.0, 2.25, 6.9, 0.75, 3.9, 4.0, 3.6),
-    "humanoid-adult-14x9": (14.0, 9.0, 3.0, 6.0, 1.0, 4.0, 3.0, 2.1),
-    "humanoid-kid-9x6": (9.0, 6.0, 2.0, 5.0, 1.0, 3.0, 1.5, 1.5),
-    "hsl-s-9x6": (9.0, 6.0, 2.0, 4.0, 1.0, 3.0, 1.5, 1.5),
-    "hsl-m-14x9": (14.0, 9.0, 3.0, 6.0, 1.0, 4.0, 3.0, 2.0),
-    "hsl-l-22x14": (22.0, 14.0, 3.5, 7.0, 1.0, 5.0, 4.0, 2.5),
-}
+def test_presets_have_the_sizes_of_the_rules(snapshot: SnapshotAssertion) -> None:
+    assert "\n".join(sizes(open_field(name)) for name in preset_names()) == snapshot
 
 
-@pytest.mark.parametrize("name", sorted(RULES))
-def test_presets_have_the_sizes_of_the_rules_to_the_outer_edge(name: str) -> None:
-    field = open_field(name)
-    length, width, deep, wide, goal_deep, goal_wide, circle, mark = RULES[name]
-    assert (field.length, field.width) == (length, width)
-    for sign in (1.0, -1.0):
-        assert outer(field, sign * 0.5 * length, 0.3)
-        assert outer(field, 0.3 + 0.5 * circle, sign * 0.5 * width)
-        assert outer(field, sign * (0.5 * length - deep), 0.3)
-        assert outer(field, sign * (0.5 * length - 0.5 * deep), sign * 0.5 * wide)
-        assert outer(field, sign * (0.5 * length - goal_deep), 0.3)
-        assert outer(field, sign * (0.5 * length - 0.5 * goal_deep), sign * 0.5 * goal_wide)
-        assert outer(field, sign * 0.5 * circle, 0.0)
-        assert [sign * (0.5 * length - mark), 0.0] in field.discs[:, :2].tolist()
+def test_sizes_reach_to_the_outer_edge_of_lines() -> None:
+    field = open_field("msl-22x14")
+    for x, y in ((11.0, 0.3), (0.3 + 2.0, 7.0), (11.0 - 2.25, 0.3), (10.0, 3.45), (10.25, 0.3), (-2.0, 0.0)):
+        assert outer(field, x, y), (x, y)
+    assert [11.0 - 3.6, 0.0] in field.discs[:, :2].tolist()
 
 
 def test_spl_9x6_has_the_sizes_of_its_rule_book_to_the_middle_of_the_lines() -> None:
     field = open_field("spl-9x6")
     on_lines = [(4.5, 2.5), (2.0, 3.0), (4.5 - 0.6, 0.5), (4.2, 1.1), (4.5 - 1.65, 1.5), (3.5, 2.0), (0.75, 0.0)]
     np.testing.assert_allclose(field.line_distances(on_lines), 0.0, atol=1e-9)
-    assert field.line_width == 0.05
     assert [3.2, 0.0, 0.1] in field.discs.tolist()
-    assert {(post.x, post.y) for post in field.posts} == {(sx * 4.525, sy * 0.8) for sx in (1, -1) for sy in (1, -1)}
-
-
-@pytest.mark.parametrize(
-    ("name", "line_width", "inside_m", "height_m"),
-    [
-        ("msl-18x12", 0.125, 2.0, 1.0),
-        ("msl-22x14", 0.125, 2.4, 1.0),
-        ("spl-9x6", 0.05, 1.5, 0.8),
-        ("humanoid-adult-14x9", 0.05, 2.6, 1.8),
-        ("humanoid-kid-9x6", 0.05, 2.6, 1.2),
-        ("hsl-s-9x6", 0.05, 2.6, 1.3),
-        ("hsl-m-14x9", 0.05, 2.6, 1.6),
-        ("hsl-l-22x14", 0.12, 2.4, 1.9),
-    ],
-)
-def test_goals_are_as_wide_inside_and_as_high_as_the_rules_say(
-    name: str, line_width: float, inside_m: float, height_m: float
-) -> None:
-    field = open_field(name)
-    assert field.line_width == line_width
-    assert len(field.posts) == 4
-    for post in field.posts:
-        assert abs(post.y) - 0.5 * post.diameter == pytest.approx(0.5 * inside_m)
-        assert post.height == height_m
-        assert post.colors_from_ground == ("white",)
-
-
-@pytest.mark.parametrize(("name", "reach_m"), [("hsl-s-9x6", None), ("hsl-m-14x9", 0.5), ("hsl-l-22x14", 1.0)])
-def test_corner_arcs_of_the_humanoid_soccer_league_reach_as_far_as_its_rules_say(
-    name: str, reach_m: float | None
-) -> None:
-    field = open_field(name)
-    assert len(field.arcs) == (0 if reach_m is None else 4)
-    for x, y, radius, *_ in field.arcs:
-        assert (abs(x), abs(y)) == (0.5 * field.length, 0.5 * field.width)
-        assert radius + 0.5 * field.line_width == reach_m
-
-
-def test_posts_and_poles_of_the_indoor_field_have_their_colours() -> None:
-    posts = open_field("indoor-9x6").posts
-    assert [(p.kind, p.x, p.y, p.colors_from_ground) for p in posts] == [
-        ("goal", 4.475, -1.3, ("blue",)),
-        ("goal", 4.475, 1.3, ("blue",)),
-        ("goal", -4.475, -1.3, ("yellow",)),
-        ("goal", -4.475, 1.3, ("yellow",)),
-        ("pole", 0.0, 3.3, ("yellow", "blue", "yellow")),
-        ("pole", 0.0, -3.3, ("blue", "yellow", "blue")),
-    ]
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -155,11 +82,6 @@ def test_a_field_with_one_area_only_is_not_symmetric() -> None:
     field = open_field("indoor-9x6")
     half = FieldModel(name="half", length=9, width=6, line_width=0.05, segments=field.segments[:8])
     assert not half.is_symmetric
-
-
-def test_symmetry_does_not_depend_on_how_a_line_is_cut_into_pieces() -> None:
-    pieces = np.array([(-2.0, 0.0, 0.5, 0.0), (0.5, 0.0, 2.0, 0.0)])
-    assert FieldModel(name="p", length=4, width=4, line_width=0.05, segments=pieces).is_symmetric
 
 
 def test_polylines_follow_the_lines_in_steps() -> None:
@@ -180,11 +102,6 @@ def test_optional_keys_may_be_missing(tmp_path: Path) -> None:
     assert (field.goals, field.poles, field.posts) == ((), (), ())
 
 
-def test_empty_keys_and_remarks_are_accepted(tmp_path: Path) -> None:
-    text = MINIMAL + "arcs:\ngoals: []\nmeasured_by: the team, with a tape\nname: lab\n"
-    assert load_field(write(tmp_path, text)).name == "lab"
-
-
 @pytest.mark.parametrize("name", preset_names())
 def test_a_written_field_loads_as_an_equal_one(name: str, tmp_path: Path) -> None:
     field, path = open_field(name), tmp_path / "copy.yaml"
@@ -202,19 +119,6 @@ def test_fields_that_differ_in_one_number_are_not_equal() -> None:
     other = FieldModel(name=field.name, length=9.05, width=6.05, line_width=0.05, segments=segments)
     assert field != other
     assert field != "spl-9x6"
-
-
-def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
-    path = write(tmp_path, "mine")
-    with pytest.raises(InputError, match="not overwritten"):
-        open_field("spl-9x6").to_yaml(path)
-    assert path.read_text(encoding="utf-8") == "mine"
-
-
-def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "nowhere").write_text("a file, no folder")
-    with pytest.raises(InputError, match=r"nowhere.*cannot be written"):
-        open_field("spl-9x6").to_yaml(tmp_path / "nowhere" / "field.yaml")
 
 
 def test_a_recording_folder_or_a_file_is_opened_like_a_name(tmp_path: Path) -> None:
@@ -244,62 +148,44 @@ GOAL = "goals:\n- {x: 4.5, y_posts: [-1, 1], post_width: 0.1, post_shape: round,
 POLE = "poles:\n- {x: 0, y: 3.3, diameter: 0.2, height: 1, bands_from_ground: [blue]}\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (MINIMAL.replace("length: 9.0\n", ""), ": length: is missing"),
-        (MINIMAL.replace("9.0", "long"), ", line 1: length: expected a number, found 'long'"),
-        (MINIMAL.replace("9.0", "-9.0"), ", line 1: length: expected a positive number of metres, found -9.0"),
-        (MINIMAL.replace("0.05", "0"), ", line 3: line_width: expected a positive number of metres"),
-        (MINIMAL.replace("6.0", ".nan"), ", line 2: width: expected a number, found nan"),
-        (MINIMAL.replace("6.0", "true"), ", line 2: width: expected a number, found True"),
-        (MINIMAL + "border: -1\n", ", line 6: border: expected a positive number of metres"),
-        (MINIMAL + "- [1.0, 2.0, 3.0]\n", ", line 6: segments, row 2: expected 4 numbers, found [1.0, 2.0, 3.0]"),
-        (MINIMAL + "- [1, 2, 3, x]\n", ", line 6: segments, row 2: expected a number, found 'x'"),
-        (MINIMAL + "- [1, 2, 1, 2]\n", ", line 6: segments, row 2: both ends are the same point"),
-        (MINIMAL + "- 5\n", ", line 6: segments, row 2: expected 4 numbers, found 5"),
-        (MINIMAL + "circles: [[0, 0, 0]]\n", ", line 6: circles, row 1: the radius is not positive"),
-        (MINIMAL + "circles: 3\n", ", line 6: circles: expected a list of rows, found 3"),
-        (
-            MINIMAL + "arcs:\n- [0, 0, 1, 0, 1]\n- [0, 0, 1, 2, 2]\n",
-            ", line 8: arcs, row 2: start and end are the same",
-        ),
-        (MINIMAL + "discs:\n- [0, 0, -1]\n", ", line 7: discs, row 1: the diameter is not positive"),
-        (
-            MINIMAL + "segment:\n- [0, 0, 1, 1]\n",
-            ", line 6: segment: is not a key of a field; did you mean 'segments'?",
-        ),
-        ("length: 9\nwidth: 6\nline_width: 0.05\n", ": segments, circles, arcs: a field needs at least one line"),
-        (MINIMAL + "letters: 5\n", ", line 6: letters: expected rulebook letters and metres, found 5"),
-        (MINIMAL + "letters: {A: big}\n", ", line 6: letters: expected a number, found 'big'"),
-        (MINIMAL + GOAL.replace("x: 4.5", "x: here"), ", line 7: goals, row 1: x: expected a number, found 'here'"),
-        (MINIMAL + GOAL.replace("depth", "deep"), ", line 7: goals, row 1: has no key 'deep'; did you mean 'depth'?"),
-        (MINIMAL + GOAL.replace(", color: white", ""), ", line 7: goals, row 1: 'color' is missing"),
-        (
-            MINIMAL + GOAL.replace("round", "oval"),
-            ", line 7: goals, row 1: post_shape is round or square, found 'oval'",
-        ),
-        (MINIMAL + GOAL.replace("[-1, 1]", "2"), ", line 7: goals, row 1: y_posts needs a list of numbers, found 2"),
-        (
-            MINIMAL + GOAL.replace("height: 1", "height: 0"),
-            ", line 7: goals, row 1: height: expected a positive number",
-        ),
-        (MINIMAL + "goals:\n- post\n", ", line 7: goals, row 1: expected the keys x, y_posts"),
-        (MINIMAL + POLE.replace("[blue]", "[]"), ", line 7: poles, row 1: bands_from_ground needs a list of colours"),
-        (MINIMAL + POLE.replace("0.2", "-0.2"), ", line 7: poles, row 1: diameter: expected a positive number"),
-        (MINIMAL + "circles: [[0, 0\n", ", line 7: is not valid YAML"),
-        ("- 1\n- 2\n", ": expected keys and values at the top level, found a list"),
-        ("", ": length: is missing"),
-    ],
-)
-def test_a_bad_field_file_is_refused_with_file_line_key_and_row(tmp_path: Path, text: str, words: str) -> None:
-    assert refusal(write(tmp_path, text)).startswith(words)
+BAD = [
+    MINIMAL.replace("length: 9.0\n", ""),
+    MINIMAL.replace("9.0", "long"),
+    MINIMAL.replace("9.0", "-9.0"),
+    MINIMAL.replace("0.05", "0"),
+    MINIMAL.replace("6.0", ".nan"),
+    MINIMAL.replace("6.0", "true"),
+    MINIMAL + "border: -1\n",
+    MINIMAL + "- [1.0, 2.0, 3.0]\n",
+    MINIMAL + "- [1, 2, 3, x]\n",
+    MINIMAL + "- [1, 2, 1, 2]\n",
+    MINIMAL + "- 5\n",
+    MINIMAL + "circles: [[0, 0, 0]]\n",
+    MINIMAL + "circles: 3\n",
+    MINIMAL + "arcs:\n- [0, 0, 1, 0, 1]\n- [0, 0, 1, 2, 2]\n",
+    MINIMAL + "discs:\n- [0, 0, -1]\n",
+    MINIMAL + "segment:\n- [0, 0, 1, 1]\n",
+    "length: 9\nwidth: 6\nline_width: 0.05\n",
+    MINIMAL + "letters: 5\n",
+    MINIMAL + "letters: {A: big}\n",
+    MINIMAL + GOAL.replace("x: 4.5", "x: here"),
+    MINIMAL + GOAL.replace("depth", "deep"),
+    MINIMAL + GOAL.replace(", color: white", ""),
+    MINIMAL + GOAL.replace("round", "oval"),
+    MINIMAL + GOAL.replace("[-1, 1]", "2"),
+    MINIMAL + GOAL.replace("height: 1", "height: 0"),
+    MINIMAL + "goals:\n- post\n",
+    MINIMAL + POLE.replace("[blue]", "[]"),
+    MINIMAL + POLE.replace("0.2", "-0.2"),
+    MINIMAL + "circles: [[0, 0\n",
+    "- 1\n- 2\n",
+    "",
+    "\0picture",
+]
 
 
-def test_a_file_of_bytes_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "field.yaml"
-    path.write_bytes(b"\xff\xfe\x00picture")
-    assert refusal(path) == ": is not a text file"
+def test_a_bad_field_file_is_refused_with_line_key_and_row(tmp_path: Path, snapshot: SnapshotAssertion) -> None:
+    assert "\n".join(refusal(write(tmp_path, text)) for text in BAD) == snapshot
 
 
 def test_rows_of_another_shape_are_refused_in_python_too() -> None:

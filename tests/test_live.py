@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from touchline.cli import main
-from touchline.cli.live import _Shown, address
+from touchline.cli.live import address
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import Pose, Pose3
 from touchline.live.camera_device import WithCamera
@@ -38,7 +38,6 @@ from touchline.sources import open_source
 from touchline.types import Estimate, Evidence, Observation, Problem, ProblemCode, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-SHORT = Path(__file__).parent / "data"
 
 
 def only(datagrams: Datagrams, datagram: bytes) -> Any:
@@ -77,23 +76,6 @@ def test_images_of_which_parts_are_lost_are_forgotten_and_counted() -> None:
     for stamp in range(10):
         assert datagrams.read(next(image_datagrams(stamp, bytes(2 * PART_BYTES)))) is None
     assert datagrams.refused["an image of which parts are missing"] == 6
-
-
-def test_what_a_detector_found_comes_with_kinds_and_covariances() -> None:
-    source = open_source(SHORT / "humanoid_hsl_pan_short") if (SHORT / "humanoid_hsl_pan_short").exists() else None
-    seen = Observation(5, points=np.array([[1.0, 2.0], [3.0, -1.0]]))
-    if source is not None and source.frame_list == "observations.csv":
-        seen = next(iter(source)).observation or seen
-    found = only(Datagrams(), seen_datagram(seen)).observation
-    np.testing.assert_allclose(found.points.positions_m, seen.points.positions_m)
-    np.testing.assert_allclose(found.points.covariances_m2, seen.points.covariances_m2)
-
-
-def test_crossings_come_as_rows() -> None:
-    line = {"kind": "seen", "stamp_ns": 5, "rows": [{"kind": "L", "x_m": 1.0, "y_m": 2, "orientation_rad": "0.5"}]}
-    found = only(Datagrams(), json.dumps(line).encode()).observation
-    assert found.crossings.kinds.tolist() == ["L"]
-    assert found.crossings.positions_m.tolist() == [[1.0, 2.0]]
 
 
 def test_a_start_comes_with_its_covariance() -> None:
@@ -145,12 +127,13 @@ def test_mutated_messages_do_no_harm() -> None:
         *image_datagrams(9, bytes(200)),
     ]
     datagrams = Datagrams()
-    for _ in range(int(os.environ.get("TOUCHLINE_MUTATED", "5000"))):
+    count = int(os.environ.get("TOUCHLINE_MUTATED", "1000"))
+    for _ in range(count):
         message = bytearray(chance.choice(good))
         for _ in range(chance.randint(1, 6)):
             message[chance.randrange(len(message))] = chance.choice(b'0123456789{}[]",:eE-. \n\x00\xff')
         datagrams.read(bytes(message[: chance.randint(0, len(message))]))
-    assert sum(datagrams.refused.values()) > 1_000
+    assert sum(datagrams.refused.values()) > count / 5
 
 
 def test_evidence_comes_as_it_was_said_and_what_is_none_is_counted() -> None:
@@ -180,17 +163,6 @@ def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     problems = json.loads(published_datagram(Published(slips)))["problems"]
     assert problems == [{"code": "odometry-scale", "sentence": "slips"}]
     assert json.loads(published_datagram(Published(sure.unconfirmed("too far"))))["reason"] == "too far"
-
-
-def test_a_problem_that_lasts_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
-    shown = _Shown()
-    plain = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
-    for seconds in (0.2, 0.4, 0.6):
-        repeated = Problem(ProblemCode.IMAGES_REPEAT, f"the image has not changed for {seconds} s")
-        problems = repeated, Problem(ProblemCode.ODOMETRY_DRIFT, "odometry drifts")
-        shown.take(Published(replace(plain, problems=problems), image=True))
-    out = capsys.readouterr().out
-    assert [out.count(text) for text in ("has not changed", "for 0.2 s", "odometry drifts")] == [1, 1, 1]
 
 
 # --- the loop ---------------------------------------------------------------------------------------------------------
@@ -293,23 +265,6 @@ def test_the_odometry_at_an_image_lies_between_its_samples() -> None:
     np.testing.assert_allclose(found, Pose(0.25, 0.5, heading).inverse(), atol=1e-12)
 
 
-def test_the_odometry_frame_of_an_image_newer_than_all_samples_is_that_of_the_newest() -> None:
-    readings: list[Heard] = [Reading("odometry", 0, (0.0, 0.0, 0.0)), Reading("odometry", 100, (0.4, 0.0, 0.0))]
-    _, script = looped([readings, [Sight(150, 0.0, observation=Observation(150))]], Slow(0.0), 1)
-    found = script.published[-1].map_from_odom  # Slow says that the robot was at x = 1 then
-    assert found is not None
-    np.testing.assert_allclose(found, (0.6, 0.0, 0.0))
-
-
-def test_what_ends_the_thread_that_localises_is_raised() -> None:
-    class Broken(Slow):
-        def localize(self, stamp_ns: int, **_: object) -> Estimate:
-            raise BrokenPipeError
-
-    with pytest.raises(BrokenPipeError):
-        looped(sights(1, 0.1), Broken(0.0), 1)
-
-
 def test_a_start_is_handed_on_and_one_that_is_none_does_no_harm() -> None:
     real = Localizer("msl-18x12")
     bad = Start(Pose(float("nan"), 0.0, 0.0))
@@ -353,18 +308,6 @@ def test_a_camera_s_images_come_beside_what_the_link_brings() -> None:
     assert camera.closed
 
 
-def test_images_of_a_camera_that_nobody_had_time_for_are_counted() -> None:
-    link = WithCamera(Script([]), Grabbed())
-    time.sleep(0.2)
-    assert link.refused == {"an image of the camera that nobody had time for": 2}
-    link.close()
-
-
-def test_a_device_where_a_file_is_meant_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["live", "udp", "--field", "msl-18x12", "--camera", "/dev/video0"]) != 0
-    assert "--device /dev/video0 reads it" in capsys.readouterr().err
-
-
 # --- a recording played ----------------------------------------------------------------------------------------------
 
 
@@ -376,14 +319,6 @@ def test_a_recording_is_played_in_the_order_of_time_with_its_very_images() -> No
     pictures = [event for event in sent if isinstance(event, Picture)]
     assert pictures[3].data == (EXAMPLE / "images" / "000003.jpg").read_bytes()
     assert {event.sensor for event in sent if isinstance(event, Reading)} >= {"odometry", "gyro", "compass"}
-
-
-def test_late_images_come_after_what_was_measured_meanwhile() -> None:
-    sent: list[Reading | Picture] = []
-    play(open_source(EXAMPLE), sent.append, speed=1e6, delay_s=0.15)
-    first = next(k for k, event in enumerate(sent) if isinstance(event, Picture))
-    before = max(event.stamp_ns for event in sent[:first])
-    assert before - sent[first].stamp_ns == pytest.approx(150_000_000, abs=25_000_000)
 
 
 @pytest.fixture
@@ -406,14 +341,6 @@ def test_a_recording_played_over_udp_is_localised_as_a_run_of_it_is(
     assert told["status"] == "tracking"
     assert off_m(told, 7) < 0.05
     assert counts["dropped"] == 0
-
-
-def test_restarted_in_the_middle_it_relocalises_and_goes_on(sockets: tuple[UdpLink, UdpRobot, socket.socket]) -> None:
-    """Killed it is in tests/live_processes.py; here nothing of the first loop is there for the second."""
-    played(sockets, range(3))
-    told, _ = played(sockets, range(4, 9))
-    assert told["status"] == "tracking"
-    assert off_m(told, 8) < 0.05
 
 
 def played(ends: tuple[UdpLink, UdpRobot, socket.socket], indices: range) -> tuple[dict[str, Any], dict[str, int]]:
@@ -464,14 +391,35 @@ def image_answer(answers: socket.socket) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("text", ["", "x", "0", "65536", ":28400", "1.2.3.4:", "-1"])
-def test_an_address_that_is_none_is_told(text: str) -> None:
+def test_an_address_is_a_port_of_this_machine_or_with_its_host(text: str) -> None:
+    assert address("5000", "--listen") == ("127.0.0.1", 5000)
+    assert address("10.0.0.3:5000", "--listen") == ("10.0.0.3", 5000)
     with pytest.raises(InputError, match="--listen"):
         address(text, "--listen")
 
 
-def test_an_address_is_a_port_of_this_machine_or_with_its_host() -> None:
-    assert address("5000", "--listen") == ("127.0.0.1", 5000)
-    assert address("10.0.0.3:5000", "--listen") == ("10.0.0.3", 5000)
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("--camera /dev/video0", "--device /dev/video0"),
+        ("--to nosuchhost.invalid:5000", "nosuchhost.invalid"),
+        ("--topic image=/front", "--topic: is an option of ros"),
+        ("--start=1,2,90", "radians"),
+        ("--start=100,2,0", "far off the field"),
+        ("--wheels=45,135", "in rad"),
+        ("--wheels=0.8,nan", "in rad"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_told(capsys: pytest.CaptureFixture[str], arguments: str, words: str) -> None:
+    assert main(["live", "udp", "--field", "msl-18x12", "--listen", "28498", "--seconds", "0", *arguments.split()]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        assert main(["live", "udp", "--field", "msl-18x12", "--listen", str(taken.getsockname()[1])]) != 0
+    assert "in use" in capsys.readouterr().err
 
 
 def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.CaptureFixture[str]) -> None:
@@ -479,54 +427,6 @@ def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.Cap
     assert "0 of 0 images looked at" in capsys.readouterr().out
     assert main(["play", "udp", str(EXAMPLE), "--to", "28499", "--speed", "100"]) == 0
     assert "60 images sent" in capsys.readouterr().out
-
-
-def test_live_takes_a_camera_with_a_mirror(capsys: pytest.CaptureFixture[str]) -> None:
-    camera = str(EXAMPLE / "camera.yaml")
-    assert main(["live", "udp", "--field", "msl-18x12", "--camera", camera, "--listen", "28497", "--seconds", "0"]) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--to", "nosuchhost.invalid:5000"], "nosuchhost.invalid"),
-        (["--topic", "image=/front"], "--topic: is an option of ros"),
-    ],
-)
-def test_options_that_would_be_left_aside_and_hosts_that_nobody_knows_are_told(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
-    assert main(["live", "udp", "--field", "msl-18x12", "--seconds", "0", *arguments]) == 2
-    assert words in " ".join(capsys.readouterr().err.split())
-
-
-def test_play_to_a_host_that_nobody_knows_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["play", "udp", str(EXAMPLE), "--to", "nosuchhost.invalid:5000"]) == 2
-    assert "nosuchhost.invalid:5000" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        ("--start=1,2,90", "radians"),
-        ("--start=100,2,0", "far off the field"),
-        ("--wheels=45,135", "in rad"),
-        ("--wheels=0.8,nan", "in rad"),
-    ],
-)
-def test_degrees_and_a_start_far_off_the_field_are_told(
-    capsys: pytest.CaptureFixture[str], option: str, words: str
-) -> None:
-    assert main(["live", "udp", "--field", "msl-18x12", "--listen", "28498", "--seconds", "0", option]) == 2
-    assert words in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-        assert main(["live", "udp", "--field", "msl-18x12", "--listen", str(port)]) != 0
-    assert "in use" in capsys.readouterr().err
 
 
 def test_evidence_of_others_counts_only_where_it_was_asked_for() -> None:
@@ -552,18 +452,3 @@ def test_evidence_of_others_counts_only_where_it_was_asked_for() -> None:
     loop.run(lambda: not link.waiting)
     assert loop.counts["evidence"] == 1
     assert not localizer._said
-
-
-def test_a_link_says_where_it_listens_also_beside_a_camera() -> None:
-    link = UdpLink(("127.0.0.1", 0), ("127.0.0.1", 28499))
-
-    class NoImages:
-        def grab(self) -> NoReturn:
-            raise TouchlineError("no image")
-
-        def close(self) -> None: ...
-
-    both = WithCamera(link, NoImages())
-    host, port = link.address
-    assert both.around() == link.around() == f"it listens for datagrams to {host}:{port}"
-    both.close()

@@ -9,19 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
-from foreign_bags import Types, foreign_messages, raw
-from small_recordings import borrow
 from team_writing import TeamMessages
 
 from touchline.geometry import Pose3
-from touchline.live.heard import Described, Heard, Picture, Reading, Sight, Start
+from touchline.live.heard import Picture, Reading, Sight, Start
 from touchline.live.ros_link import UNUSABLE
 from touchline.live.ros_reader import FIXED_TOPICS, RosReader
 from touchline.live.ros_writer import RosWriter
-from touchline.localizer import Localizer
-from touchline.sources import open_source
-from touchline.sources.bags.camera_file import ros_camera
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.result_messages import Outgoing
 from touchline.sources.bags.roles import ROLES
@@ -29,12 +23,11 @@ from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Crossings, Evidence, Observation, generic_covariances, points_at
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-BGR8 = raw("bgr8", lambda pixels: pixels)
 
 
 def test_mutated_messages_do_no_harm() -> None:
     """Bytes as the network brings them, through decoder and reader; `make test-all` takes ten thousand."""
-    count = int(os.environ.get("TOUCHLINE_MUTATED", "600"))
+    count = int(os.environ.get("TOUCHLINE_MUTATED", "200"))
     chance, reader, codec = random.Random(1), RosReader(), Codec()
     good = list(sent_messages(codec))
     used = 0
@@ -93,66 +86,3 @@ def test_initialpose_is_a_start_with_the_covariance_of_the_plane() -> None:
 def test_an_imu_without_orientation_is_no_compass() -> None:
     message = RosWriter(Codec())._make.imu(1, (math.nan,) * 3, (0.1, 0.2, 0.3))
     assert list(RosReader().read("imu", message, with_compass=True)) == [Reading("gyro", 1, (0.1, 0.2, 0.3))]
-
-
-def test_the_example_s_images_are_played_as_they_are() -> None:
-    writer = RosWriter(Codec())
-    data = open_source(EXAMPLE).image_bytes(0)
-    (out,) = writer.played(Picture(1, data, None, None))
-    assert bytes(out.message.data) == data
-    assert out.message.format == "jpeg"
-
-
-def test_a_late_image_is_played_with_the_lean_of_its_own_time(small_data: Path) -> None:
-    camera = ros_camera(open_source(small_data / "humanoid_9x6_walk"))
-    assert camera is not None
-    codec, reader, heard = Codec(), RosReader(), []
-    writer = RosWriter(codec, camera=camera)
-    image = (EXAMPLE / "images" / "000003.jpg").read_bytes()
-    leans = [Reading("attitude", 100_000_000 * k, (0.02 * k, 0.0)) for k in range(1, 6)]
-    roles = {"/tf": "tf", "/camera_info": "camera_info", "/image/compressed": "image", "/imu/data": "imu"}
-    first, late = (Picture(stamp_ns, image, None, None) for stamp_ns in (200_000_000, 300_000_000))
-    for event in (*leans[:2], first, *leans[2:], late):
-        for out in writer.played(event):
-            data = codec.encode(out.kind, out.message)
-            heard += reader.read(roles[out.topic], codec.decode(Topic(out.topic, out.kind, "cdr", None, 1), data))
-    found = [each.base_from_camera for each in heard if isinstance(each, Sight)][1]
-    assert found is not None
-    leaned = Pose3.from_roll_pitch_yaw(0.06, 0.0, 0.0).compose(camera.base_from_camera)
-    np.testing.assert_allclose(found.rotation, leaned.rotation, atol=1e-6)
-
-
-def test_a_mirror_is_no_camera_that_ros_knows() -> None:
-    assert ros_camera(open_source(EXAMPLE)) is None
-
-
-def test_camera_info_and_transforms_are_the_camera_and_the_odometry(small_data: Path, tmp_path: Path) -> None:
-    """A robot that speaks by rosbags' own codec: TF at every step, CameraInfo, no odometry topic."""
-    source = open_source(borrow(small_data / "humanoid_hsl_pan", tmp_path / "robot", frames=3))
-    types, reader = Types(), RosReader()
-    reader.odometry_by_transforms = True
-    heard: list[Heard] = []
-    kinds = {"/tf": "tf", "/tf_static": "tf", "/front/camera_info": "camera_info", "/front/image_raw": "image"}
-    for time_ns, topic, kind, message in foreign_messages(source, types, BGR8, "/front/image_raw"):
-        if topic == "/robot/odom":
-            place, turn = message.pose.pose.position, message.pose.pose.orientation
-            pose = Pose3.from_roll_pitch_yaw(0.0, 0.0, 2.0 * math.atan2(turn.z, turn.w), (place.x, place.y, 0.0))
-            moved = types.transforms(types.transform(time_ns, "odom", "base_footprint", pose))
-            topic, kind, message = "/tf", "tf2_msgs/msg/TFMessage", moved
-        if topic in kinds:
-            data = bytes(types.store.serialize_cdr(message, kind))
-            heard += reader.read(kinds[topic], Codec().decode(Topic(topic, kind, "cdr", None, 1), data))
-    (described,) = (each for each in heard if isinstance(each, Described))
-    assert described.camera.fx == pytest.approx(source.camera.fx)
-    first = heard.index(described)
-    assert not any(isinstance(each, Sight) for each in heard[:first])
-    assert sum(isinstance(each, Reading) and each.sensor == "odometry" for each in heard) > 10
-    localizer = Localizer(source.field)
-    localizer.reset(own_half=True)
-    localizer.use_camera(described.camera)
-    sight = next(each for each in heard if isinstance(each, Sight))
-    assert isinstance(sight.image, np.ndarray)
-    found = localizer.localize(sight.stamp_ns, image=sight.image, base_from_camera=sight.base_from_camera)
-    assert found.points > 0
-    assert found.pose.x < 0.0
-    assert localizer.problems == {}

@@ -42,13 +42,7 @@ def test_numbered_images_with_a_rate_become_a_recording(images: Path, tmp_path: 
     assert (tmp_path / "r/images/000002.png").read_bytes() == (images / "img-2.png").read_bytes()
 
 
-def test_numbered_images_need_a_rate(images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["convert", str(images), str(tmp_path / "r"), *FIELD]) == 2
-    assert "holds 12 images, but nobody says when they were taken: --rate HZ" in capsys.readouterr().err
-    assert not (tmp_path / "r").exists()
-
-
-@pytest.mark.parametrize(("name", "code"), [("walk.avi", "MJPG"), ("walk.mp4", "mp4v")])
+@pytest.mark.parametrize(("name", "code"), [("walk.mp4", "mp4v")])
 def test_a_video_becomes_a_recording_with_its_own_times(name: str, code: str, tmp_path: Path) -> None:
     writer = cv2.VideoWriter(str(tmp_path / name), cv2.VideoWriter.fourcc(*code), 25.0, (64, 48))
     for index in range(10):
@@ -77,12 +71,6 @@ def test_odometry_of_any_columns_is_beside_the_images(images: Path, tmp_path: Pa
     second = list(open_source(tmp_path / "r"))[1]
     assert second.odometry is not None
     assert second.odometry.values[0, 2] == pytest.approx(np.radians(91))
-
-
-def test_columns_by_number_need_no_header(tmp_path: Path) -> None:
-    (tmp_path / "odo.csv").write_text("1 2 0.000000001 3\n4 5 0.1 6\n")
-    rows = odometry_rows(tmp_path / "odo.csv", parse_columns("x=1,y=2,t=3,theta=4"))
-    assert list(rows) == ["0.000000001,1,2,3", "0.1,4,5,6"]
 
 
 @pytest.mark.parametrize(

@@ -30,11 +30,6 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert file.read_text() == "mine"
 
 
-def test_a_name_that_no_file_can_have_is_told_before_the_work(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
-        check_new_file(tmp_path / f"{'a' * 300}.yaml", (".yaml",))
-
-
 def test_a_file_in_the_place_of_a_folder_is_told_before_the_work_and_after(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("a file, no folder")
     file = tmp_path / "a" / "b" / "camera.yaml"

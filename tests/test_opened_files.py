@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
 import socket
 import struct
-import tracemalloc
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -18,13 +19,14 @@ from touchline.camera import open_camera
 from touchline.config import load_settings
 from touchline.errors import InputError
 from touchline.evaluation.estimates import read_estimates
-from touchline.evaluation.run_folder import read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
-from touchline.files.images import MEGAPIXELS_VARIABLE, decode, image_size, jpeg_header, read_image
+from touchline.files.arrays import stored_array
+from touchline.files.images import MEGAPIXELS_VARIABLE, image_size, jpeg_header, read_image
 from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.localization.one_shot.points_file import read_points
+from touchline.perception.colour import ColourModel
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.sources.decoding import decode_image
 from touchline.sources.tables import open_table
@@ -66,27 +68,6 @@ def test_only_regular_files_are_opened(tmp_path: Path, reader: Callable[[Path], 
             reader(path)
 
 
-def test_a_summary_in_a_pipe_and_an_image_in_one_are_told(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "summary.json")
-    with pytest.raises(InputError, match=r"summary\.json: .* named pipe"):
-        read_summary(tmp_path)
-    assert "named pipe" in decode_image(tmp_path / "summary.json").what
-    os.mkfifo(tmp_path / "field.yaml")
-    with pytest.raises(InputError, match=r"field\.yaml: .* named pipe"):
-        open_field(tmp_path)
-
-
-def test_memory_is_taken_for_the_file_and_not_for_the_most_that_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "a"
-    path.write_bytes(bytes(1001))
-    tracemalloc.start()
-    try:
-        assert len(read_bytes(path, 200_000_000)) == 1001
-        assert tracemalloc.get_traced_memory()[1] < 100_000
-    finally:
-        tracemalloc.stop()
-
-
 def test_no_more_than_fits_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(bytes(1001))
@@ -121,10 +102,6 @@ def aliases(levels: int, each: int, merged: bool = False) -> str:
 
 BOMBS = {
     "brackets": ("a: " + "[" * 50_000 + "]" * 50_000, "line 1: is nested deeper than 100 levels"),
-    "open brackets": ("a:\n  " + "[" * 50_000, "line 2: is nested deeper than 100 levels"),
-    "braces": ("{" * 50_000, "nested deeper than 100"),
-    "dashes": ("- " * 50_000, "nested deeper than 100"),
-    "questions": ("? " * 50_000, "nested deeper than 100"),
     "indentation": ("\n".join(" " * i + "a:" for i in range(200)), "line 101: is nested deeper than 100"),
     "many aliases": (f"a: &a 1\nb: [{'*a,' * 51}]", r"line 2: holds more than 50 aliases \(\*a\)"),
     "lists of lists": (aliases(17, 3), "line .*with its aliases written out it is larger than 1 MB"),
@@ -137,8 +114,6 @@ BOMBS = {
     "large integer": ("a: 1\nb: " + "9" * 5000, r"line 2: holds a value that cannot be read \(99999"),
     "integer of 70 bits": ("a: 1\nb: [0x400000000000000000]", r"line 2: the number 0x4000\S*… is too large"),
     "no date": ("a: 1\nb: !!timestamp x", r"line 2: holds a value that cannot be read \(x\)"),
-    "no truth": ("a: 1\nb: !!bool x", r"line 2: holds a value that cannot be read \(x\)"),
-    "no integer": ("a: 1\nb: !!int ''", r"line 2: holds a value that cannot be read \(\)"),
     "code": ("a: !!python/object/apply:os.system ['false']", "line 1: is not valid YAML"),
 }
 
@@ -187,7 +162,7 @@ def png(width: int, height: int, bits: int = 8) -> bytes:
     )
 
 
-@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm", ".pgm", ".pbm"])
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm", ".pbm"])
 def test_the_size_is_read_from_the_header_of_every_format(tmp_path: Path, ending: str) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (37, 53, 3), dtype=np.uint8)
     picture = pixels if ending not in (".pgm", ".pbm") else pixels[:, :, 0]
@@ -257,11 +232,6 @@ def test_how_large_an_image_may_be_can_be_set(tmp_path: Path, monkeypatch: pytes
 
 def colours_with(tmp_path: Path, name: str, data: bytes) -> Path:
     """A colour table of which one member holds something else."""
-    import io
-    import zipfile
-
-    from touchline.perception.colour import ColourModel
-
     model = ColourModel(np.zeros((64, 64, 64), np.uint8), np.zeros(3), np.zeros(3), 1.0, np.zeros(3))
     good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
     if not good.exists():
@@ -297,8 +267,9 @@ def test_an_archive_with_something_else_inside_is_refused(tmp_path: Path, data: 
         load_colours(path)
 
 
-def test_a_png_s_part_that_claims_gigabytes_is_not_made_room_for() -> None:
-    data = bytearray(cv2.imencode(".png", np.zeros((20, 30, 3), np.uint8))[1].tobytes())
-    at = data.index(b"IDAT") - 4
-    data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
-    assert decode(bytes(data), cv2.IMREAD_COLOR) == "is a PNG file that ends early, or is damaged inside"
+def test_an_array_that_claims_gigabytes_is_not_made_room_for() -> None:
+    written = io.BytesIO()
+    with zipfile.ZipFile(written, "w") as archive:
+        archive.writestr("rows.npy", npy("(99999999999,)"))
+    with zipfile.ZipFile(written) as archive, pytest.raises(InputError, match="'rows' claims 799999999992 bytes"):
+        stored_array(archive, "rows", (None,), 1000)

@@ -10,13 +10,20 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-import tomllib
 import yaml
 
 import touchline
 from touchline.cli import main
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).parents[1]
+PROJECT, LAB = (
+    tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"] for folder in (ROOT, ROOT / "lab")
+)
 
 
 class Hook:
@@ -62,7 +69,6 @@ def test_every_address_is_the_project_s(hook: ModuleType, metadata: dict[str, An
 def test_every_link_of_the_readme_is_whole_and_leads_to_a_file(hook: ModuleType, metadata: dict[str, Any]) -> None:
     links = re.findall(r"\]\(([^)]+)\)", metadata["readme"]["text"])
     inside = [link.removeprefix(hook.ADDRESS) for link in links if link.startswith(hook.ADDRESS)]
-    assert len(inside) > 10
     assert all(link.startswith(("https://", "#")) for link in links)
     for link in inside:
         view, branch, path = link.removeprefix("/").split("/", 2)
@@ -84,21 +90,24 @@ def test_the_promise_names_what_is_public() -> None:
     assert set(re.findall(r"`(\w+)`", named)) == {*touchline.__all__, "__version__"}
 
 
-def test_the_citation_is_of_this_version_and_names_every_paper_s_system() -> None:
+def test_both_packages_the_citation_and_the_changelog_have_one_version() -> None:
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
-    notes = " ".join(reference["notes"] for reference in cited["references"])
-    assert all(name in notes for name in ("nubot-mti", "iris-fusion", "nimbro-lines"))
+    newest = re.search(r"^## \[([^]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest is not None
+    assert {LAB["version"], cited["version"], newest[1]} == {PROJECT["version"]}
+    assert f"touchline=={PROJECT['version']}" in LAB["dependencies"]
+    assert cited["license"] == PROJECT["license"] == LAB["license"]
 
 
-def test_what_the_page_of_a_run_is_made_of_is_in_the_package_with_its_licence() -> None:
-    web = ROOT / "src" / "touchline" / "evaluation" / "web"
-    licences = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["license-files"]
-    assert "MIT License" in (web / "uPlot-LICENSE.txt").read_text(encoding="utf-8")
-    assert (web / "uPlot-LICENSE.txt").relative_to(ROOT).as_posix() in licences
-    assert (web / "uPlot.iife.min.js").stat().st_size < 52_000
-    assert len((web / "page.js").read_text(encoding="utf-8").splitlines()) <= 200
+def test_the_core_needs_nothing_of_the_lab() -> None:
+    names = {re.split(r"[<>=~; \[]", each)[0] for each in PROJECT["dependencies"]}
+    assert names.isdisjoint({"touchline-lab", "matplotlib", "optuna"})
+
+
+def test_what_a_run_s_page_is_made_of_comes_with_its_licence() -> None:
+    licence = ROOT / "src/touchline/evaluation/web/uPlot-LICENSE.txt"
+    assert "MIT License" in licence.read_text(encoding="utf-8")
+    assert licence.relative_to(ROOT).as_posix() in PROJECT["license-files"]
 
 
 def test_a_shell_completes_the_commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,19 +120,14 @@ def test_a_shell_completes_the_commands(monkeypatch: pytest.MonkeyPatch, capsys:
 
 
 def test_every_extra_stands_on_the_page_of_installing() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     page = (ROOT / "docs" / "release.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\| `\[([\w-]+)\]`", page, re.MULTILINE)) == set(project["optional-dependencies"])
-    assert f"Python {project['requires-python'].removeprefix('>=')} or newer" in page
+    assert set(re.findall(r"^\| `\[([\w-]+)\]`", page, re.MULTILINE)) == set(PROJECT["optional-dependencies"])
+    assert f"Python {PROJECT['requires-python'].removeprefix('>=')} or newer" in page
 
 
-def test_the_release_tries_the_wheel_on_every_kind_of_machine_before_it_is_published() -> None:
+def test_a_release_is_tried_before_it_is_published() -> None:
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8"))["jobs"]
-    machines = " ".join(jobs["try"]["strategy"]["matrix"]["machine"])
-    assert all(kind in machines for kind in ("ubuntu-latest", "arm", "macos", "windows"))
     assert set(jobs["publish"]["needs"]) == {"try", "try-kernels", "docs"}
-    assert {"ubuntu-latest", "ubuntu-24.04-arm"} == set(jobs["try-kernels"]["strategy"]["matrix"]["machine"])
-    assert jobs["try-kernels"]["strategy"]["matrix"]["python"] == jobs["kernels"]["strategy"]["matrix"]["python"]
     made = re.findall(r"make (\w+)", " ".join(step.get("run", "") for job in jobs.values() for step in job["steps"]))
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert set(made) <= set(targets)

@@ -7,14 +7,10 @@ import json
 import os
 import platform
 import re
-import shutil
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import kernel_wheels
@@ -22,9 +18,7 @@ import numba
 import pytest
 
 import touchline
-from touchline import matrices, packed_loops
 from touchline.cli import main
-from touchline.files.opened import UnreadableError
 from touchline.packed_loops import DESCRIPTION, PACKAGE, surroundings, take_packed_loops
 
 USED = """
@@ -73,6 +67,7 @@ def use(site: Path, kept: Path, **environment: str) -> list[str]:
     return ran.stdout.split(maxsplit=4)
 
 
+@pytest.mark.slow
 def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in site.rglob("*")}
     right, found, other, packed, said = use(site, tmp_path)
@@ -85,32 +80,7 @@ def test_a_packed_loop_is_not_compiled_and_another_is_as_ever(site: Path, tmp_pa
     assert {path: path.stat().st_mtime_ns for path in site.rglob("*")} == before
 
 
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-def test_a_spoilt_file_of_the_wheel_is_left_to_the_compiler(site: Path, tmp_path: Path, kind: str) -> None:
-    spoilt = tmp_path / "site"
-    shutil.copytree(site, spoilt)
-    (path,) = spoilt.rglob(f"matrices.inverse*.{kind}")
-    path.write_bytes(b"\x80 no pickle")
-    right, found, _, packed, said = use(spoilt, tmp_path / "kept")
-    assert (right, found, packed) == ("True", "0", "0")
-    assert said.startswith("touchline-kernels is used")
-
-
-def test_a_cache_that_is_switched_off_stays_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """As Numba's own search has it."""
-    cache: Any = numba.core.caching.FunctionCache(matrices.inverse.py_func)
-    cached = numba.core.caching.FunctionCache
-    monkeypatch.setattr(cached, "_load_overload", cached._load_overload)
-    monkeypatch.setattr(packed_loops, "_taken", Counter())
-    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "load", lambda *_: "code")
-    monkeypatch.setattr(cache._impl, "rebuild", lambda target, found: found)
-    packed_loops._take_from(tmp_path, {"target": "any", "processor": "any"})
-    target = matrices.inverse.targetctx
-    assert cache.load_overload((), target) == "code"
-    cache.disable()
-    assert cache.load_overload((), target) is None
-
-
+@pytest.mark.slow
 def test_a_processor_of_the_users_choice_is_left_to_numba(site: Path, tmp_path: Path) -> None:
     right, found, _, packed, said = use(site, tmp_path, NUMBA_CPU_NAME="x86-64-v2", NUMBA_CPU_FEATURES="")
     assert (right, found, packed) == ("True", "0", "0")
@@ -157,46 +127,6 @@ def test_a_spoilt_description_is_told(said_of: Callable[[str], str], description
     assert said_of(description) == "touchline-kernels is not used: its built.json cannot be read"
 
 
-@pytest.mark.parametrize("name", ["processor", "features", "sources", "target"])
-def test_a_description_that_lacks_something_is_told(said_of: Callable[[str], str], name: str) -> None:
-    built = surroundings() | FITTING
-    del built[name]
-    assert said_of(json.dumps(built)) == "touchline-kernels is not used: its built.json cannot be read"
-
-
-@pytest.mark.parametrize(
-    ("where", "error"),
-    [
-        ("importlib.metadata.version", PackageNotFoundError("touchline")),
-        ("touchline.packed_loops.read_bytes", UnreadableError(Path("field.py"), "permission denied")),
-    ],
-)
-def test_where_touchline_itself_is_not_known_that_is_told(
-    said_of: Callable[[str], str], monkeypatch: pytest.MonkeyPatch, where: str, error: Exception
-) -> None:
-    described = json.dumps(surroundings() | FITTING)
-
-    def fails(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(where, fails)
-    assert said_of(described) == f"touchline-kernels is not used: what it has to fit is not known ({error})"
-
-
-def test_any_changed_source_is_told(
-    said_of: Callable[[str], str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    sources = tmp_path / "sources"
-    (sources / "examples").mkdir(parents=True)
-    (sources / "callee.py").write_text("LIMIT = 1\n")
-    monkeypatch.setattr("touchline.packed_loops._SOURCES", sources)
-    built = json.dumps(surroundings() | FITTING)
-    (sources / "examples" / "own.py").write_text("a user's\n")
-    assert "is used" in said_of(built)
-    (sources / "callee.py").write_text("LIMIT = 2\n")
-    assert said_of(built).endswith("touchline's sources are not those that it was compiled from")
-
-
 def test_without_the_wheel_nothing_is_said_and_numba_is_as_it_was() -> None:
     search = numba.core.caching.FunctionCache._load_overload
     assert take_packed_loops.__wrapped__() == ""
@@ -235,34 +165,7 @@ def own_loop(a: int) -> int:
     return a
 
 
-def test_only_loops_that_are_kept_are_compiled_for_another_processor() -> None:
-    plain = numba.njit(own_loop)
-    module: Any = SimpleNamespace(__name__=__name__, plain=plain, foreign=matrices.inverse, other=1)
-    assert list(kernel_wheels.kept_loops(module)) == []
-    assert matrices.inverse in kernel_wheels.kept_loops(matrices)
-
-
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["one", "two"]])
-def test_wheels_are_asked_for_with_a_folder(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
-    monkeypatch.setattr(sys, "argv", ["kernel_wheels.py", *arguments])
-    with pytest.raises(SystemExit, match="usage: python kernels"):
-        kernel_wheels.main()
-
-
-def test_what_lies_in_the_wheels_folder_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "project").mkdir()
-    (tmp_path / "project" / "thesis.tex").touch()
-    monkeypatch.setattr(sys, "argv", ["kernel_wheels.py", str(tmp_path)])
-    for work in ("compiled", "compiled_from"):
-        monkeypatch.setattr(kernel_wheels, work, lambda *_: None)
-    monkeypatch.setattr(
-        kernel_wheels, "wheel", lambda kept, kind, project, output: (output / kind.processor).write_text("wheel")
-    )
-    kernel_wheels.main()
-    files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {"project/thesis.tex", "x86-64-v3", "generic"}
-
-
+@pytest.mark.slow
 def test_armv8_is_compiled_here_without_running(compiled: Path, tmp_path: Path) -> None:
     kernel_wheels.compiled_from(compiled, kernel_wheels.ARMV8, tmp_path / "compiled")
     kernel_wheels.packed(tmp_path / "compiled", kernel_wheels.ARMV8, tmp_path / PACKAGE)

@@ -13,7 +13,6 @@ from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation import evaluate
 from touchline.evaluation.run_folder import new_folder
-from touchline.files.new import file_name
 from touchline.published.iris_fusion.range_pairs import recording_pairs
 from touchline.sources import open_source
 from touchline.view.look import look_at_recording
@@ -84,12 +83,6 @@ def test_links_and_dots_that_stay_inside_are_no_matter(folder: Path) -> None:
         assert [frame.problem for frame in open_source(path) if frame.problem is not None] == []
 
 
-def test_a_link_among_images_that_lie_inside_is_told(folder: Path) -> None:
-    put_elsewhere(folder, "images/000007.jpg")
-    problems = [frame.problem or "" for frame in open_source(folder)]
-    assert [ELSEWHERE in problem for problem in problems] == [k == 7 for k in range(12)]
-
-
 def test_a_name_that_is_too_long_is_one_image_s_problem(folder: Path) -> None:
     edit_line(folder / "images.csv", 5, 1, f"images/{'a' * 300}.jpg")  # others in that folder were read before
     problems = [frame.problem or "" for frame in open_source(folder)]
@@ -129,10 +122,7 @@ def test_the_name_of_a_recording_is_no_path(
     assert {path.name for path in tmp_path.iterdir()} == {"recording", "here"}
 
 
-def test_a_name_of_words_stays() -> None:
-    assert file_name("Größe: Freitag, 3. (Halle 2)") == "Größe: Freitag, 3. (Halle 2)"
-
-
+@pytest.mark.slow
 def test_every_command_that_opens_a_recording_can_be_asked(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -157,18 +147,3 @@ def test_every_command_that_opens_a_recording_can_be_asked(
         assert "--follow-links" in " ".join(capsys.readouterr().err.split())
         main(["calibrate", calibration, "recording", "-o", file, *asked])
         assert "--follow-links" not in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.parametrize("command", ["run", "view", "convert"])
-def test_a_name_is_printed_as_it_is_and_no_terminal_obeys_it(
-    folder: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Brackets ended the command as markup, escape sequences reached the terminal."""
-    monkeypatch.chdir(folder.parent)
-    about = (folder / "sequence.yaml").read_text().splitlines()
-    named = ['name: "a [b] [/] \\e]0;c\\a"', *(line for line in about if not line.startswith("name:"))]
-    (folder / "sequence.yaml").write_text("\n".join(named) + "\n")
-    assert main([command, str(folder), *(["copy"] if command == "convert" else [])]) == 0
-    said = "".join(capsys.readouterr())
-    assert "a [b] [/]" in said
-    assert "\x1b]" not in said

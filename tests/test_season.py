@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pyarrow.parquet
@@ -16,11 +15,10 @@ import pytest
 
 import touchline
 from touchline.cli import main
-from touchline.cli.season import line_of
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.workers import Workers, open_workers
 from touchline.season import Command, find_recordings, is_many, localize_all
-from touchline.season.recordings import folder_names, upload
+from touchline.season.recordings import folder_names
 from touchline.season.table import CSV, Row
 from touchline.sources import BagOptions, open_source
 
@@ -64,6 +62,7 @@ def run_many(season: Path, output: Path, *more: str) -> int:
     return main([*given, "--report", "failed", *more])
 
 
+@pytest.mark.slow
 def test_each_has_a_folder_and_a_row_and_one_failure_is_not_the_end(
     season: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +83,7 @@ def test_each_has_a_folder_and_a_row_and_one_failure_is_not_the_end(
         assert not (tmp_path / "out" / name / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_rows_and_parquet_holds_them_with_types(season: Path, tmp_path: Path) -> None:
     games = find_recordings([str(season / "games")])
     alone = localize_all(games, str(tmp_path / "alone"), COMMAND, HERE)
@@ -102,10 +102,12 @@ def test_two_workers_give_the_same_rows_and_parquet_holds_them_with_types(season
     assert done == []
 
 
+@pytest.mark.slow
 def test_what_was_killed_is_resumed_and_no_row_is_lost_or_twice(season: Path, tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(
-        "import os, signal, sys\nfrom touchline.cli import main\nfrom touchline.published.nubot_mti.system import NubotMti\n"
+        "import os, signal, sys\nfrom touchline.cli import main\n"
+        "from touchline.published.nubot_mti.system import NubotMti\n"
         "step, steps = NubotMti.step, []\n"
         "def stopped(self, frame):\n    steps.append(frame)\n    if len(steps) == 50:\n"
         "        os.kill(os.getpid(), signal.SIGKILL)\n    return step(self, frame)\n"
@@ -120,23 +122,6 @@ def test_what_was_killed_is_resumed_and_no_row_is_lost_or_twice(season: Path, tm
     assert list(rows_of(tmp_path / "out")) == ["broken", *NAMES]
     assert (tmp_path / "out" / NAMES[0] / "summary.json").stat().st_mtime_ns == before
     assert len((tmp_path / "out" / NAMES[1] / "trajectory.tum").read_text().splitlines()) == 20
-
-
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
-def test_one_worker_that_is_interrupted_leaves_no_row(season: Path, tmp_path: Path, kind: str) -> None:
-    script = tmp_path / "interrupted.py"
-    script.write_text(
-        "import os, signal, sys\nfrom touchline.cli import main\nfrom touchline.published.nubot_mti.system import NubotMti\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\nstep, steps = NubotMti.step, []\n"
-        "def stopped(self, frame):\n    steps.append(frame)\n    if len(steps) == 5:\n"
-        f"        os.kill(os.getpid(), signal.{kind})\n    return step(self, frame)\n"
-        "NubotMti.step = stopped\nsys.exit(main())\n"
-    )
-    given = ["season", str(season / "games" / NAMES[1]), "-o", str(tmp_path / "out"), "--workers", "1"]
-    given += ["--system", "nubot-mti"]
-    ended = subprocess.run([sys.executable, str(script), *given], stderr=subprocess.PIPE, timeout=60, check=False)
-    assert (ended.returncode, ended.stderr.decode().splitlines()[-1]) == (130, "error: interrupted")
-    assert rows_of(tmp_path / "out") == {}
 
 
 def test_only_the_same_command_resumes(
@@ -189,6 +174,7 @@ def test_a_folder_is_one_commands_at_a_time(season: Path, tmp_path: Path, noted:
     assert len(localize_all(game, out, COMMAND, HERE, again)) == 1
 
 
+@pytest.mark.slow
 def test_results_go_to_an_address_and_are_resumed_there(season: Path, tmp_path: Path) -> None:
     address = f"file://{tmp_path}/results"
     game = f"file://{season}/games/{NAMES[1]}"
@@ -200,14 +186,6 @@ def test_results_go_to_an_address_and_are_resumed_there(season: Path, tmp_path: 
     assert list(rows_of(tmp_path / "results")) == [NAMES[1]]
     (row,) = localize_all([f"file://{season}/games"], str(tmp_path / "out"), COMMAND, HERE)
     assert row["failure"].startswith(f"file://{season}/games/sequence.yaml: is missing")
-
-
-def test_what_stands_at_an_address_is_replaced(tmp_path: Path) -> None:
-    for name in ("old", "new"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / name).write_text("")
-        upload(tmp_path / name, f"file://{tmp_path}/kept")
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["new"]
 
 
 def test_a_store_that_nothing_is_installed_for_is_told_before_the_work(
@@ -238,14 +216,6 @@ def test_a_mistake_in_the_command_is_told_once(
     assert run_many(season, tmp_path / "out", *more) == 2
     assert wrong in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_a_line_says_what_a_single_run_does() -> None:
-    row = {"run": "a", "failure": "", "images": 64, "tracking": 50, "position_mean_m": 5.53, "end_open_images": 53}
-    assert line_of({**row, "notices": "odometry.csv: looks like mm"}) == (
-        "a: 64 images, 78 % tracked, 553.0 cm; in 53 the other end of the field fits as well; "
-        "odometry.csv: looks like mm"
-    )
 
 
 def test_which_recordings_are_meant(
@@ -302,43 +272,9 @@ def end_itself(task: int) -> int:
     return task
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_reported_and_the_next_tasks_are_done() -> None:
     with open_workers(2) as workers:
         with pytest.raises(TouchlineError, match="a worker was killed"):
             list(workers.map(end_itself, range(12)))
         assert sorted(workers.map(abs, range(-3, 3), ordered=False)) == [0, 1, 1, 2, 2, 3]
-
-
-def threads(task: int) -> tuple[str, str]:
-    return os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]
-
-
-def test_workers_compute_on_one_thread_each() -> None:
-    with open_workers(2) as workers:
-        assert set(workers.map(threads, range(4))) == {("1", "1")}
-
-
-def test_workers_end_with_who_started_them(tmp_path: Path) -> None:
-    script = tmp_path / "killed.py"
-    script.write_text(
-        "import os, signal\nfrom touchline.evaluation.workers import open_workers\n"
-        "if __name__ == '__main__':\n    with open_workers(2) as workers:\n"
-        "        print(list(workers.map(abs, [-7])), flush=True)\n        os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    # its output ends when the last process that has it ends
-    said = subprocess.run([sys.executable, str(script)], stdout=subprocess.PIPE, timeout=60, check=False)
-    assert (said.returncode, said.stdout) == (-signal.SIGKILL, b"[7]\n")
-
-
-def test_ctrl_c_does_not_wait_for_what_workers_have_at_hand(tmp_path: Path) -> None:
-    script = tmp_path / "interrupted.py"
-    script.write_text(
-        "import os, signal, threading, time\nfrom touchline.evaluation.workers import open_workers\n"
-        "if __name__ == '__main__':\n    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "    with open_workers(2) as workers:\n        for _ in workers.map(time.sleep, [0, 100, 100]):\n"
-        "            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
-    )
-    begun_s = time.monotonic()
-    ended = subprocess.run([sys.executable, str(script)], stderr=subprocess.PIPE, timeout=90, check=False)
-    assert ended.stderr.rstrip().endswith(b"KeyboardInterrupt")
-    assert time.monotonic() - begun_s < 80.0

@@ -13,7 +13,7 @@ from small_recordings import HEIGHT, WIDTH, arc_pose, delete_lines, edit_line, w
 from touchline.errors import InputError
 from touchline.evaluation import read_tum
 from touchline.geometry import Pose
-from touchline.sources import ProblemKind, Recording, open_source
+from touchline.sources import ProblemKind, open_source
 from touchline.types import Samples
 
 PUBLIC = [
@@ -77,14 +77,6 @@ def test_each_frame_carries_the_samples_since_the_frame_before(folder: Path) -> 
     np.testing.assert_array_equal(odometry.values, expected[:, 1:])
 
 
-def test_a_sample_at_the_stamp_of_an_image_belongs_to_that_image(folder: Path) -> None:
-    first, second, *_ = open_source(folder)
-    assert first.wheels is not None
-    assert second.wheels is not None
-    assert first.wheels.stamp_ns[-1] == first.stamp_ns
-    assert second.wheels.stamp_ns[0] == first.stamp_ns + 20_000_000
-
-
 def test_imu_columns_become_gyro_compass_and_tilt(folder: Path) -> None:
     frame = next(iter(open_source(folder)))
     assert frame.gyro is not None
@@ -129,27 +121,6 @@ def test_only_images_and_sequence_are_needed(folder: Path) -> None:
         _ = source.camera
 
 
-def test_exposure_and_gain_are_optional(folder: Path) -> None:
-    lines = (folder / "images.csv").read_text().splitlines()
-    (folder / "images.csv").write_text("\n".join(",".join(line.split(",")[:2]) for line in lines))
-    frame = next(iter(open_source(folder)))
-    assert frame.exposure_ms is None
-    assert frame.gain is None
-
-
-def test_a_source_can_be_read_again_and_in_part(folder: Path) -> None:
-    source = open_source(folder)
-    partly = iter(source)
-    next(partly)
-    first, second = list(source), list(source)
-    assert next(partly).stamp_ns == 200_000_000
-    for one, other in zip(first, second, strict=True):
-        assert one.image is not None
-        assert other.image is not None
-        np.testing.assert_array_equal(one.image, other.image)
-        np.testing.assert_array_equal(one.odometry.values, other.odometry.values)  # type: ignore[union-attr]
-
-
 def test_a_single_image_can_be_asked_for(folder: Path) -> None:
     source = open_source(folder)
     frames = list(source)
@@ -157,13 +128,6 @@ def test_a_single_image_can_be_asked_for(folder: Path) -> None:
     np.testing.assert_array_equal(source.image(-1), frames[7].image)
     with pytest.raises(IndexError):
         source.image(8)
-
-
-def test_images_are_decoded_only_when_their_frame_comes(folder: Path) -> None:
-    frames = iter(open_source(folder))
-    next(frames)
-    (folder / "images/000001.jpg").unlink()
-    assert next(frames).image is None
 
 
 def test_truth_is_found_by_index_and_by_time(folder: Path) -> None:
@@ -177,45 +141,9 @@ def test_truth_is_found_by_index_and_by_time(folder: Path) -> None:
     assert truth.nearest(10**12) == truth[7]
 
 
-def test_headings_of_the_truth_are_wrapped(folder: Path) -> None:
-    lines = (folder / "ground_truth.tum").read_text().splitlines()
-    lines[0] = f"0.1 0 0 0 0 0 {-math.sin(3.5 / 2):.9f} {-math.cos(3.5 / 2):.9f}"
-    (folder / "ground_truth.tum").write_text("# t x y z qx qy qz qw\n" + "\n".join(lines))
-    truth = open_source(folder).truth
-    assert truth is not None
-    assert truth[0].heading == pytest.approx(3.5 - 2 * math.pi)
-
-
-def test_the_field_is_the_preset_that_sequence_names(folder: Path) -> None:
-    assert open_source(folder).field.length == 18.0
-
-
 def test_a_field_file_beside_the_recording_counts_more_than_the_name(folder: Path, small_data: Path) -> None:
     shutil.copyfile(small_data / "omni_9x6_points" / "field.yaml", folder / "field.yaml")
     assert open_source(folder).field.length == 9.0
-
-
-def test_the_camera_file_beside_the_recording_is_opened(tmp_path: Path, small_data: Path) -> None:
-    source = open_source(small_data / "omni_msl_track")
-    assert source.camera_kind == "omni"
-    assert source.camera_file == small_data / "omni_msl_track" / "camera.yaml"
-    assert source.camera.width == 480
-
-
-def test_the_camera_file_is_read_once(tmp_path: Path, small_data: Path) -> None:
-    shutil.copytree(small_data / "omni_msl_track", tmp_path / "track")
-    source = open_source(tmp_path / "track")
-    (tmp_path / "track" / "camera.yaml").unlink()
-    assert source.camera.width == 480
-
-
-def test_what_sequence_says_is_handed_on(tmp_path: Path) -> None:
-    events = [{"t": 0.3, "kind": "slip"}]
-    source = open_source(write_recording(tmp_path / "r", events=events, wheels={"a_dir_rad": 0.5, "b_dir_rad": -0.5}))
-    assert source.name == "small"
-    assert source.rate_hz == 10.0
-    assert list(source.events) == events
-    assert source.sequence["wheels"]["a_dir_rad"] == 0.5
 
 
 def test_without_a_nominal_rate_the_median_one_is_taken_and_reported(tmp_path: Path) -> None:
@@ -224,11 +152,7 @@ def test_without_a_nominal_rate_the_median_one_is_taken_and_reported(tmp_path: P
     assert source.problems.counts == {ProblemKind.SEQUENCE: 1}
 
 
-def test_a_recording_is_a_source(folder: Path) -> None:
-    source: Recording = open_source(str(folder))
-    assert len(source) == len(source.image_stamps) == 8
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PUBLIC)
 def test_public_recordings_are_read_whole_and_without_problems(shared_data: Path, name: str) -> None:
     source = open_source(shared_data / name)

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 from small_recordings import delete_lines, edit_line, replace_line, write_recording, write_sensors
+from syrupy.assertion import SnapshotAssertion
 
 from touchline.checks.check import check_recording
 from touchline.checks.findings import Severity
 from touchline.errors import InputError
 from touchline.sources import ProblemKind, open_source
 from touchline.sources.problems import KEPT_PER_KIND
-from touchline.types import Frame
 
 Damage = Callable[[Path], object]
 
@@ -54,72 +54,55 @@ WHOLE_CAMERA = CAMERA + (
     "center: [24, 16]\ninner_radius_px: 2\nouter_radius_px: 9\nhandedness: 1\nmount_yaw: 0\n"
     "range_table: {radius_px: [0, 10], range_m: [0, 3]}\n"
 )
-MISSING_IMAGES_COLUMN = r"images\.csv, line 1: column 'file' is missing from the header \(found: t, name\)"
-
-UNREADABLE: dict[str, tuple[Damage, str]] = {
-    "no sequence.yaml": (remove("sequence.yaml"), r"sequence\.yaml: is missing.*not a recording"),
-    "no images.csv": (remove("images.csv"), r"images\.csv: is missing.*t,file,exposure_ms,gain"),
-    "sequence.yaml is no YAML": (write("sequence.yaml", "format: 1\nfield: [1"), r"sequence\.yaml, line \d: .*YAML"),
-    "sequence.yaml is a list": (write("sequence.yaml", "- 1\n"), r"sequence\.yaml: expected keys and values"),
-    "sequence.yaml is no text": (lambda f: (f / "sequence.yaml").write_bytes(b"\xff\xfe\x00"), r"not a text file"),
-    "no format": (described(format=None), r"sequence\.yaml: key 'format' is missing; write 'format: 1'"),
-    "a later format": (described(format=2), r"sequence\.yaml: format 2 is not known, this version reads format 1"),
-    "a format in words": (described(format="one"), r"sequence\.yaml: format 'one' is not known"),
-    "no field": (described(field=None), r"sequence\.yaml: key 'field' is missing.*msl-18x12"),
-    "an unknown field": (described(field="msl-18x21"), r"field 'msl-18x21' is not known.*did you mean 'msl-18x12'"),
-    "a field that is a list": (described(field="[1, 2]"), r"sequence\.yaml: field '\[1, 2\]' is not known"),
-    "no camera": (described(camera=None), r"sequence\.yaml: key 'camera' is missing; one of omni, pinhole"),
-    "an unknown camera": (described(camera="onmi"), r"sequence\.yaml: camera 'onmi' is not known; did you mean 'omni'"),
-    "another camera model": (write("camera.yaml", "model: pinhole\n"), r"camera\.yaml: .*'pinhole'.*camera 'omni'"),
-    "camera.yaml is no YAML": (write("camera.yaml", "model: {\n"), r"camera\.yaml, line 2: is not valid YAML"),
-    "images.csv is empty": (write("images.csv", ""), r"images\.csv, line 1: .*the file is empty"),
-    "images.csv has no image": (write("images.csv", "t,file\n"), r"images\.csv: names no image"),
-    "images.csv has no good row": (write("images.csv", "t,file\nx,a.jpg\n0.1\n"), r"images\.csv: names no image"),
-    "images.csv lacks a column": (write("images.csv", "t,name\n0.1,a.jpg\n"), MISSING_IMAGES_COLUMN),
-    "images.csv is no text": (
-        lambda f: (f / "images.csv").write_bytes(b"\x89PNG\x1b[31m\n"),
-        r"images\.csv: is not a text",
-    ),
+UNREADABLE: dict[str, Damage] = {
+    "no sequence.yaml": remove("sequence.yaml"),
+    "no images.csv": remove("images.csv"),
+    "sequence.yaml is no YAML": write("sequence.yaml", "format: 1\nfield: [1"),
+    "sequence.yaml is a list": write("sequence.yaml", "- 1\n"),
+    "sequence.yaml is no text": lambda folder: (folder / "sequence.yaml").write_bytes(b"\xff\xfe\x00"),
+    "no format": described(format=None),
+    "a later format": described(format=2),
+    "a format in words": described(format="one"),
+    "no field": described(field=None),
+    "an unknown field": described(field="msl-18x21"),
+    "a field that is a list": described(field="[1, 2]"),
+    "no camera": described(camera=None),
+    "an unknown camera": described(camera="onmi"),
+    "another camera model": write("camera.yaml", "model: pinhole\n"),
+    "images.csv is empty": write("images.csv", ""),
+    "images.csv has no image": write("images.csv", "t,file\n"),
+    "images.csv has no good row": write("images.csv", "t,file\nx,a.jpg\n0.1\n"),
+    "images.csv lacks a column": write("images.csv", "t,name\n0.1,a.jpg\n"),
+    "images.csv is no text": lambda folder: (folder / "images.csv").write_bytes(b"\x89PNG\x1b[31m\n"),
+    "a camera of an unknown model": write("camera.yaml", CAMERA.replace("omni", "spherical")),
+    "a camera without model": write("camera.yaml", CAMERA.removeprefix("model: omni\n")),
+    "a camera without width": write("camera.yaml", CAMERA.replace("width: 48\n", "")),
+    "a camera without center": write("camera.yaml", CAMERA),
+    "a camera with another word": write("camera.yaml", CAMERA + "centre: [1, 2]\n"),
+    "a size in words": write("camera.yaml", WHOLE_CAMERA.replace("32", "low")),
 }
 
 
-@pytest.mark.parametrize("case", UNREADABLE)
-def test_what_cannot_be_opened_says_why_and_where(folder: Path, case: str) -> None:
-    damage, message = UNREADABLE[case]
-    damage(folder)
-    with pytest.raises(InputError) as error:
-        open_source(folder)
-    assert re.search(message, str(error.value)), str(error.value)
-    assert str(folder) in str(error.value)
-    assert "\n" not in str(error.value)
+def test_what_cannot_be_opened_says_why_and_where(tmp_path: Path, snapshot: SnapshotAssertion) -> None:
+    said = []
+    for case, damage in UNREADABLE.items():
+        folder = write_recording(tmp_path / case.replace(" ", "-"), frames=1)
+        damage(folder)
+        with pytest.raises(InputError) as error:
+            _ = open_source(folder).camera
+        assert str(folder) in str(error.value)
+        said.append(f"{case}: {str(error.value).replace(str(folder), 'FOLDER')}")
+    assert "\n".join(said) == snapshot
 
 
-CAMERAS_WITHOUT_A_KEY = {
-    "an unknown model": (CAMERA.replace("omni", "spherical"), r"unknown camera model 'spherical'"),
-    "no model": (CAMERA.removeprefix("model: omni\n"), r"'model' is missing; one of omni, pinhole"),
-    "no width": (CAMERA.replace("width: 48\n", ""), r"'width' is missing; an omni camera needs width, height, center"),
-    "no center": (CAMERA, r"'center' is missing; an omni camera needs width, height, center"),
-    "another word": (CAMERA + "centre: [1, 2]\n", r"'center' is missing \(is 'centre' meant for it\?\); an omni"),
-    "a size in words": (WHOLE_CAMERA.replace("32", "low"), r"'height' must be a number"),
-}
-
-
-@pytest.mark.parametrize("case", CAMERAS_WITHOUT_A_KEY)
-def test_every_key_that_camera_yaml_lacks_is_told_in_the_same_way(folder: Path, case: str) -> None:
-    text, message = CAMERAS_WITHOUT_A_KEY[case]
-    write("camera.yaml", text)(folder)
-    source = open_source(folder)
-    with pytest.raises(InputError, match=rf"camera\.yaml(, line \d+)?: {message}"):
-        _ = source.camera
-    (found,) = (finding for finding in check_recording(source) if finding.check == "camera")
+def test_a_camera_file_that_lacks_a_key_is_a_finding_of_the_check(folder: Path) -> None:
+    write("camera.yaml", CAMERA + "centre: [1, 2]\n")(folder)
+    (found,) = (finding for finding in check_recording(folder) if finding.check == "camera")
     assert (found.severity, found.where) == (Severity.ERROR, "camera.yaml")
-    assert re.match(rf"(line \d+: )?{message}", found.what), found.what
 
 
 UNUSABLE_SENSORS: dict[str, tuple[Damage, str, str]] = {
     "lacks a column": (replaced("odometry.csv", 1, "t,x,y,z"), "odometry", r"odometry\.csv, line 1: column 'theta' is"),
-    "is empty": (write("wheels.csv", ""), "wheels", r"wheels\.csv, line 1: column 't' is missing .*the file is empty"),
-    "has no header": (replaced("imu.csv", 1, "0,0,0,0,0,0,0"), "gyro", r"imu\.csv, line 1: column 't' is missing"),
     "has semicolons": (
         replaced("wheels.csv", 1, "t;a;b"),
         "wheels",
@@ -130,7 +113,6 @@ UNUSABLE_SENSORS: dict[str, tuple[Damage, str, str]] = {
         "compass",
         r"imu\.csv: is not a text file",
     ),
-    "hides escapes": (write("odometry.csv", "t,x,\x1b[2J\n"), "odometry", r"odometry\.csv: is not a text file"),
     "is a folder": (
         lambda f: ((f / "wheels.csv").unlink(), (f / "wheels.csv").mkdir()),
         "wheels",
@@ -177,16 +159,6 @@ def test_an_empty_cell_of_the_imu_costs_one_quantity_and_no_row(folder: Path, no
     ]
 
 
-def test_another_look_at_the_frames_leaves_the_problems_alone(folder: Path) -> None:
-    (folder / IMAGE).unlink()
-    source = open_source(folder)
-    list(source)
-    for frame in source.again():
-        assert frame.image is not None
-        break
-    assert source.problems.counts == {ProblemKind.MISSING_IMAGE: 1}
-
-
 def test_a_path_that_is_no_recording_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such recording"):
         open_source(tmp_path / "nowhere")
@@ -196,12 +168,6 @@ def test_a_path_that_is_no_recording_says_so(tmp_path: Path) -> None:
     (tmp_path / "notes").write_bytes(b"Friday")
     with pytest.raises(InputError, match=r"notes: is not a recording; expected a folder"):
         open_source(tmp_path / "notes")
-
-
-def test_a_broken_field_file_is_refused_by_name(folder: Path) -> None:
-    (folder / "field.yaml").write_text("name: f\nlength: long\n")
-    with pytest.raises(InputError, match=r"field\.yaml"):
-        _ = open_source(folder).field
 
 
 def cut(name: str, share: float) -> Damage:
@@ -265,21 +231,7 @@ def test_a_broken_image_is_reported_and_survived(folder: Path, case: str) -> Non
     assert (problem.file, problem.line, problem.frame, problem.message) == ("images.csv", 5, 3, frames[3].problem)
 
 
-def test_a_png_that_ends_early_is_broken(folder: Path) -> None:
-    image_of(IMAGE, (32, 48, 3), np.uint8)(folder)
-    cut(IMAGE, 0.8)(folder)
-    source = open_source(folder)
-    assert "is a PNG file that ends early" in (list(source)[3].problem or "")
-
-
-def test_a_jpeg_padded_with_zeros_is_whole(folder: Path) -> None:
-    with (folder / IMAGE).open("ab") as file:
-        file.write(bytes(700))
-    source = open_source(folder)
-    assert all(frame.image is not None for frame in source)
-
-
-@pytest.mark.parametrize("filling", [b"", bytes(4000), b"\xff" * 4000, NOISE * 4])
+@pytest.mark.parametrize("filling", [b"", NOISE * 4])
 def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, small_data: Path, filling: bytes) -> None:
     """OpenCV decodes these: an upper half that is right, below it a picture of its own."""
     data = (small_data / "omni_msl_track" / "images" / "000010.jpg").read_bytes()
@@ -287,14 +239,6 @@ def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, small_data: Path,
     (folder / IMAGE).write_bytes(data[:middle] + filling + data[middle + 4000 :])
     assert cv2.imread(str(folder / IMAGE)) is not None
     assert "is a damaged JPEG file" in (list(open_source(folder))[3].problem or "")
-
-
-def test_damage_is_seen_behind_a_padded_header(folder: Path) -> None:
-    data = (folder / IMAGE).read_bytes()
-    (folder / IMAGE).write_bytes(data[:2] + b"\xff\xff" + data[2:])
-    assert all(frame.image is not None for frame in open_source(folder))
-    (folder / IMAGE).write_bytes(data[:2] + b"\xff\xff" + data[2:-2])
-    assert "is a JPEG file that ends early" in (list(open_source(folder))[3].problem or "")
 
 
 def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
@@ -309,18 +253,6 @@ def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
     assert "is a JPEG file that ends early" in (list(source)[3].problem or "")
 
 
-def test_a_gray_card_is_no_damage(folder: Path) -> None:
-    (folder / IMAGE).write_bytes(cv2.imencode(".jpg", np.full((32, 48, 3), 128, np.uint8))[1].tobytes())
-    assert all(frame.image is not None for frame in open_source(folder))
-
-
-def test_a_gray_image_is_given_as_bgr(folder: Path) -> None:
-    image_of(IMAGE, (32, 48), np.uint8)(folder)
-    image = list(open_source(folder))[3].image
-    assert image is not None
-    assert image.shape == (32, 48, 3)
-
-
 def test_images_have_to_be_of_the_size_in_camera_yaml(folder: Path) -> None:
     (folder / "camera.yaml").write_text("model: omni\nwidth: 64\nheight: 32\n")
     source = open_source(folder)
@@ -328,74 +260,36 @@ def test_images_have_to_be_of_the_size_in_camera_yaml(folder: Path) -> None:
     assert source.problems.counts == {ProblemKind.IMAGE_SIZE: 8}
 
 
-ROWS: dict[str, tuple[Damage, ProblemKind, str, int, str]] = {
-    "too few values": (
-        replaced("odometry.csv", 15, "0.260,1.0"),
-        ProblemKind.BROKEN_ROW,
-        "odometry.csv",
-        15,
-        "has 2 values where the header names 4 columns",
-    ),
-    "too many values": (
-        replaced("wheels.csv", 15, "0.260,1,2,3"),
-        ProblemKind.BROKEN_ROW,
-        "wheels.csv",
-        15,
-        "has 4 values where the header names 3 columns",
-    ),
-    "a word": (edit("imu.csv", 15, 3, "north"), ProblemKind.BROKEN_ROW, "imu.csv", 15, "column 'yaw' reads 'north'"),
-    "an empty cell": (edit("odometry.csv", 15, 2, ""), ProblemKind.BROKEN_ROW, "odometry.csv", 15, "'y' reads empty"),
-    "NaN": (edit("odometry.csv", 15, 3, "nan"), ProblemKind.NOT_A_NUMBER, "odometry.csv", 15, "column 'theta' is nan"),
-    "infinity": (edit("wheels.csv", 15, 1, "-inf"), ProblemKind.NOT_A_NUMBER, "wheels.csv", 15, "column 'a' is -inf"),
-    "NaN time": (edit("imu.csv", 15, 0, "nan"), ProblemKind.NOT_A_NUMBER, "imu.csv", 15, "column 't' is nan"),
-    "time beyond clocks": (
-        edit("imu.csv", 15, 0, "1e30"),
-        ProblemKind.BROKEN_ROW,
-        "imu.csv",
-        15,
-        "'t' is 1e.30, beyond",
-    ),
-    "a value beyond sense": (
-        edit("wheels.csv", 15, 2, "-1e99"),
-        ProblemKind.BROKEN_ROW,
-        "wheels.csv",
-        15,
-        "'b' is -1e",
-    ),
-    "time running backwards": (
-        edit("odometry.csv", 15, 0, "0.100"),
-        ProblemKind.TIME_ORDER,
-        "odometry.csv",
-        15,
-        r"the time 0\.1 s runs backwards",
-    ),
-    "a repeated time": (edit("imu.csv", 15, 0, "0.240"), ProblemKind.TIME_ORDER, "imu.csv", 15, "repeats"),
-    "a time far ahead": (edit("wheels.csv", 15, 0, "999"), ProblemKind.TIME_ORDER, "wheels.csv", 15, "the time 999 s"),
-    "no text at all": (replaced("imu.csv", 15, "\x00\x01,\x02"), ProblemKind.BROKEN_ROW, "imu.csv", 15, "has 2 values"),
+ROWS: dict[str, tuple[Damage, ProblemKind, str]] = {
+    "too few values": (replaced("odometry.csv", 15, "0.260,1.0"), ProblemKind.BROKEN_ROW, "has 2 values where the"),
+    "too many values": (replaced("wheels.csv", 15, "0.260,1,2,3"), ProblemKind.BROKEN_ROW, "has 4 values where the"),
+    "a word": (edit("imu.csv", 15, 3, "north"), ProblemKind.BROKEN_ROW, "column 'yaw' reads 'north'"),
+    "an empty cell": (edit("odometry.csv", 15, 2, ""), ProblemKind.BROKEN_ROW, "'y' reads empty"),
+    "NaN": (edit("odometry.csv", 15, 3, "nan"), ProblemKind.NOT_A_NUMBER, "column 'theta' is nan"),
+    "infinity": (edit("wheels.csv", 15, 1, "-inf"), ProblemKind.NOT_A_NUMBER, "column 'a' is -inf"),
+    "time beyond clocks": (edit("imu.csv", 15, 0, "1e30"), ProblemKind.BROKEN_ROW, "'t' is 1e.30, beyond"),
+    "a value beyond sense": (edit("wheels.csv", 15, 2, "-1e99"), ProblemKind.BROKEN_ROW, "'b' is -1e"),
+    "time running backwards": (edit("odometry.csv", 15, 0, "0.100"), ProblemKind.TIME_ORDER, "the time 0.1 s runs"),
+    "a repeated time": (edit("imu.csv", 15, 0, "0.240"), ProblemKind.TIME_ORDER, "repeats"),
+    "a time far ahead": (edit("wheels.csv", 15, 0, "999"), ProblemKind.TIME_ORDER, "the time 999 s"),
+    "no text at all": (replaced("imu.csv", 15, "\x00\x01,\x02"), ProblemKind.BROKEN_ROW, "has 2 values"),
 }
 
 
 @pytest.mark.parametrize("case", ROWS)
 def test_a_broken_sensor_row_is_left_out_and_reported_with_its_line(folder: Path, case: str) -> None:
-    damage, kind, file, line, message = ROWS[case]
+    damage, kind, message = ROWS[case]
     damage(folder)
     source = open_source(folder)
     frames = list(source)
     assert source.problems.counts == {kind: 1}
     problem = source.problems[0]
-    assert (problem.file, problem.line, problem.kind) == (file, line, kind)
-    assert re.match(rf"{re.escape(file)}, line {line}: .*{message}", problem.message), problem.message
-    of_file = {"odometry.csv": "odometry", "wheels.csv": "wheels", "imu.csv": "gyro"}[file]
+    assert (problem.line, problem.kind) == (15, kind)
+    assert re.match(rf"{problem.file}, line 15: .*{message}", problem.message), problem.message
+    of_file = {"odometry.csv": "odometry", "wheels.csv": "wheels", "imu.csv": "gyro"}[problem.file]
     stamps = np.concatenate([getattr(frame, of_file).stamp_ns for frame in frames])
     expected = np.delete(np.arange(41) * 20_000_000, 13)  # line 15 held the sample at 0.26 s
     np.testing.assert_array_equal(stamps, expected)
-
-
-def test_broken_rows_after_the_last_image_are_reported_too(folder: Path) -> None:
-    (folder / "imu.csv").write_text((folder / "imu.csv").read_text() + "0.96,1\n")
-    source = open_source(folder)
-    list(source)
-    assert "imu.csv, line 48: has 2 values" in source.problems[0].message
 
 
 def test_a_sensor_gap_is_reported_and_survived(folder: Path) -> None:
@@ -416,21 +310,6 @@ def test_a_sensor_that_starts_late_and_ends_early_is_reported(folder: Path) -> N
         "wheels.csv: starts at t = 0.380 s, the first image is at t = 0.100 s",
         "wheels.csv: ends at t = 0.560 s, images go on at t = 0.700 s",
     ]
-
-
-def test_a_sensor_file_with_no_row_is_reported(folder: Path) -> None:
-    (folder / "wheels.csv").write_text("t,a,b\n")
-    source = open_source(folder)
-    assert all(frame.wheels is None for frame in source)
-    assert [problem.message for problem in source.problems] == ["wheels.csv: holds no usable row"]
-
-
-def test_a_slow_sensor_has_no_gaps(folder: Path) -> None:
-    lines = (folder / "imu.csv").read_text().splitlines()
-    (folder / "imu.csv").write_text("\n".join([lines[0], *lines[1::8]]))  # every 0.16 s
-    source = open_source(folder)
-    list(source)
-    assert source.problems.total == 0
 
 
 def test_a_clock_set_back_leaves_out_as_few_rows_as_possible(folder: Path) -> None:
@@ -466,17 +345,6 @@ def test_a_broken_image_row_is_left_out_and_reported_with_its_line(folder: Path,
     assert [frame.name[-5] for frame in frames] == list("0124567")
 
 
-def test_a_broken_exposure_costs_the_exposure_only(folder: Path) -> None:
-    edit_line(folder / "images.csv", 5, 2, "long")
-    edit_line(folder / "images.csv", 6, 3, "-1")
-    source = open_source(folder)
-    frames = list(source)
-    assert [frame.exposure_ms for frame in frames[2:5]] == [12.0, None, 12.0]
-    assert [frame.gain for frame in frames[2:5]] == [1.7, 1.7, None]
-    assert [problem.line for problem in source.problems] == [5, 6]
-    assert all(frame.image is not None for frame in frames)
-
-
 TRUTHS: dict[str, tuple[Damage, ProblemKind, str]] = {
     "another length": (lambda f: delete_lines(f / "ground_truth.tum", 8, 8), ProblemKind.TRUTH, "7 usable poses for 8"),
     "other times": (
@@ -504,13 +372,6 @@ def test_a_broken_truth_is_reported_and_survived(folder: Path, case: str) -> Non
     assert len(source.truth) == (8 if case == "other times" else 7)
 
 
-def test_a_truth_without_a_usable_line_is_none(folder: Path) -> None:
-    (folder / "ground_truth.tum").write_text("nothing\n")
-    source = open_source(folder)
-    assert source.truth is None
-    assert source.problems.counts == {ProblemKind.BROKEN_ROW: 1, ProblemKind.TRUTH: 1}
-
-
 def test_broken_events_are_left_out_and_reported(tmp_path: Path) -> None:
     source = open_source(write_recording(tmp_path / "a", events=[{"t": 0.3, "kind": "slip"}, {"kind": "slip"}, 7]))
     assert len(source.events) == 1
@@ -533,14 +394,3 @@ def test_all_problems_are_counted_and_the_first_of_each_kind_kept(folder: Path) 
     assert len(problems) == KEPT_PER_KIND + 2  # the image, and the first of the second file
     assert "2000 × broken row" in problems.summary()
     assert "1 × missing image" in problems.summary()
-
-
-def test_problems_are_those_of_opening_and_of_the_latest_pass(folder: Path) -> None:
-    edit_line(folder / "images.csv", 5, 2, "long")
-    (folder / IMAGE).unlink()
-    source = open_source(folder)
-    assert source.problems.total == 1
-    for _ in range(2):
-        frames: list[Frame] = list(source)
-        assert len(frames) == 8
-        assert source.problems.counts == {ProblemKind.BROKEN_ROW: 1, ProblemKind.MISSING_IMAGE: 1}

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
-import shutil
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import touchline
-from touchline.api import prepare
 from touchline.checks.check import check_recording
 from touchline.errors import InputError
 from touchline.sources import ProblemKind, Recording, open_source
@@ -27,9 +22,6 @@ from touchline.types import (
     points_at,
 )
 from touchline.view.look import look_at_recording
-from touchline_lab.simulation.recording import write_recording
-from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import open_scenario
 
 SEQUENCE = "format: 1\nfield: msl-18x12\ncamera: none\nrate_hz: 10\n"
 
@@ -170,52 +162,14 @@ def test_observations_beside_images_come_with_them(tmp_path: Path) -> None:
     assert source.problems.counts[ProblemKind.SENSOR_FILE] == 1
 
 
-def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
-    rows = [f"{0.1 * k:.1f},point,{j * 0.01:.24f},1" + "," * 11 for k in range(150) for j in range(200)]
-    recording(tmp_path, rows)
-    tracemalloc.start()
-    try:
-        frames = sum(1 for frame in open_source(tmp_path) if frame.observation and len(frame.observation.points) == 200)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert frames == 150
-    assert peak < 1_500_000 < 2 * (tmp_path / "observations.csv").stat().st_size
-
-
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Simulation]:
-    folder = tmp_path_factory.mktemp("observed") / "match"
-    simulation = Simulation(open_scenario("match", 1, 4.0, ["ideal=true"]), "points")
-    write_recording(simulation, folder)
-    return folder, simulation
-
-
-def test_a_simulated_run_at_the_level_of_points_becomes_such_a_recording(simulated: tuple[Path, Simulation]) -> None:
-    folder, simulation = simulated
-    source = open_source(folder)
-    assert (source.camera_kind, source.has_images, len(source)) == ("none", False, 40)
-    for index, frame in enumerate(source):
-        made = simulation.frame(index).observation
-        assert frame.observation is not None
-        assert made is not None
-        np.testing.assert_allclose(frame.observation.points.positions_m, made.points.positions_m, atol=1e-5)
-        assert len(frame.observation.crossings) == len(simulation.features(index).crossings)
-    assert not (folder / "camera.yaml").exists()
-
-
-def test_it_runs_and_is_checked_without_any_image(simulated: tuple[Path, Simulation], tmp_path: Path) -> None:
-    folder, _ = simulated
-    run = touchline.run(folder, output=tmp_path / "run")
-    assert run.errors is not None
-    assert run.errors.position.max < 0.05
-    assert json.loads((tmp_path / "run" / "summary.json").read_text())["missing_images"] == 0
-    findings = {(finding.check, finding.severity.value): finding for finding in check_recording(folder)}
+def test_a_recording_without_images_is_checked_and_has_nothing_to_draw_on(tmp_path: Path) -> None:
+    source = recording(tmp_path, observation_rows(everything()))
+    assert (source.camera_kind, source.has_images, len(source)) == ("none", False, 1)
+    findings = {(finding.check, finding.severity.value): finding for finding in check_recording(source)}
     assert "× point" in findings["observations", "ok"].what
     assert ("camera", "ok") in findings
-    assert ("lines", "ok") in findings
     with pytest.raises(InputError, match="has no images to draw on"):
-        look_at_recording(folder)
+        look_at_recording(tmp_path)
 
 
 def test_the_pose_of_the_camera_is_interpolated(tmp_path: Path) -> None:
@@ -235,24 +189,3 @@ def test_the_pose_of_the_camera_is_interpolated(tmp_path: Path) -> None:
     assert far is None
     assert after is not None
     assert source.problems.counts[ProblemKind.SENSOR_GAP] == 1
-
-
-def test_observations_beside_images_of_a_perspective_camera_are_all_that_a_run_needs(tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(Path(__file__).parent / "data" / "humanoid_9x6_walk", tmp_path / "walk"))
-    source = open_source(folder)
-    assert source.truth is not None
-    lines = np.concatenate(source.field.polylines(0.25))
-    rows = [HEADER]
-    for stamp_ns in source.image_stamps[:12]:
-        seen = source.truth.nearest(int(stamp_ns)).inverse().transform(lines)
-        seen = seen[(seen[:, 0] > 0.3) & (np.hypot(*seen.T) < 5.0)]
-        rows += [f"{stamp_ns / 1e9:.9f},point,{x:.4f},{y:.4f}" + "," * 11 for x, y in seen]
-    (folder / "observations.csv").write_text("\n".join(rows) + "\n")
-    assert prepare(folder).system.detector is None
-    look = look_at_recording(folder, 10)
-    assert len(look.observation.points) > 50
-    assert list(look.stages()) == ["original", "bird's-eye view", "overlay"]
-    assert ("camera", "ok") in {(finding.check, finding.severity.value) for finding in check_recording(folder)}
-    (folder / "observations.csv").unlink()
-    with pytest.raises(InputError, match="omnidirectional"):
-        prepare(folder, "nubot-mti")

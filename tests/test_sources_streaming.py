@@ -46,7 +46,7 @@ cells = st.one_of(
 rows = st.lists(cells, min_size=1, max_size=6).map(",".join)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(lines=st.lists(rows, max_size=40))
 @example(lines=["0,1,2,3", "0.02,1,2,3\r4,5,6,7", "0.04,1,2,3"])
 @example(lines=["0,1,2,3", "", "0.02,1,2,3", "\xa0", "0.02,1,2,3"])
@@ -60,14 +60,14 @@ def test_every_row_is_either_used_or_reported(lines: list[str]) -> None:
     assert all(problem.message.startswith("odometry.csv") for problem in log)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(content=st.binary(max_size=400))
 def test_bytes_of_any_kind_are_survived(content: bytes) -> None:
     stamps, values, _ = read_odometry(HEADER.encode() + b"\n" + content)
     assert len(stamps) == len(values)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     numbers=st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=30),
     broken=st.booleans(),
@@ -86,7 +86,7 @@ def test_a_line_without_end_is_one_broken_row() -> None:
     assert [(problem.kind, problem.line) for problem in log] == [(ProblemKind.BROKEN_ROW, 3)]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(stamps=st.lists(st.integers(0, 12), max_size=9), above=st.integers(-1, 5))
 def test_as_many_rows_as_possible_keep_the_order(stamps: list[int], above: int) -> None:
     kept = increasing_rows(np.array(stamps, dtype=np.int64), above)
@@ -130,7 +130,7 @@ def opened_or_refused(folder: Path) -> Recording | str:
         return str(error)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     key=st.sampled_from(["format", "name", "field", "camera", "rate_hz", "events", "sensor", "wheels", "imu"]),
     value=values_of_any_kind,
@@ -144,18 +144,6 @@ def test_no_value_in_sequence_yaml_ends_in_a_traceback(
     else:
         assert len(list(opened)) == 2
         assert opened.rate_hz > 0
-
-
-@settings(max_examples=80, deadline=None)
-@given(key=st.sampled_from(["model", "width", "height"]), value=values_of_any_kind)
-def test_no_value_in_camera_yaml_ends_in_a_traceback(
-    described: Callable[[str, dict[str, object]], Path], key: str, value: object
-) -> None:
-    opened = opened_or_refused(described("camera.yaml", {key: value}))
-    if isinstance(opened, str):
-        assert "camera.yaml" in opened
-    else:
-        assert len(list(opened)) == 2
 
 
 def repeat_images(folder: Path, frames: int) -> Path:
@@ -182,6 +170,7 @@ def peak_of_reading(folder: Path) -> tuple[int, int]:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
     short = repeat_images(write_recording(tmp_path / "short", frames=4), 1200)  # long enough to fill a block of a table
     long = repeat_images(write_recording(tmp_path / "long", frames=4), 2400)
@@ -190,16 +179,3 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
     held_long, peak_long = peak_of_reading(long)
     assert peak_long < peak_short + 50_000
     assert held_long - held_short < 64 * 1200  # a list of stamps, not of frames
-
-
-def test_a_sensor_of_many_rows_is_read_in_blocks(tmp_path: Path) -> None:
-    write_sensors(tmp_path, 40_000)
-    table = open_table(tmp_path / "imu.csv", ["t", "yaw"])
-    tracemalloc.start()
-    try:
-        rows = sum(len(part) for part in SensorStream(table, ("yaw",), ProblemLog()))
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert rows == 40_000
-    assert peak < 1_500_000  # the file itself holds 1.6 MB, its rows as Python numbers five times that

@@ -2,6 +2,7 @@
 
 import io
 import lzma
+import math
 import tokenize
 import zipfile
 import zlib
@@ -51,5 +52,8 @@ def stored_array(
     if not fits or kind.itemsize > _MAX_ITEM_BYTES:
         wanted = str(tuple("any" if side is None else side for side in shape)).replace("'", "")
         raise InputError(f"'{name}' has shape {found}, expected {wanted}")
+    claimed = math.prod(found) * kind.itemsize
+    if claimed > most_bytes:
+        raise InputError(f"'{name}' claims {claimed} bytes, more than {most_bytes}")
     array.seek(0)
     return np.lib.format.read_array(array, allow_pickle=False)
