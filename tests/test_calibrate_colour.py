@@ -17,17 +17,15 @@ from touchline.calibration.colour import calibrate_marked, calibrate_recording, 
 from touchline.camera import OmniCamera
 from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
-from touchline.perception import LinePointDetector, self_learning
+from touchline.perception import self_learning
 from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
 from touchline.perception.colour_ellipses import FIXED, USUAL_BLACK, Ellipse, learned_names
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.perception.line_graph import colour_classes as line_graph
 from touchline.perception.line_graph.colour_classes import colour_codes
-from touchline.perception.line_graph.pictures import SHADES
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
 from touchline.sources import open_source
 from touchline.types import Frame, ImageArray
-from touchline.view.calibration import colour_picture
 
 LINES = [(1.0, 0.0, 1.5), (0.0, 1.0, -1.0), (0.0, 1.0, 2.0)]
 CARPET, PAINT, SHIRT, BALL = (60, 140, 70), (225, 230, 228), (190, 40, 200), (30, 120, 235)
@@ -78,12 +76,6 @@ def test_marked_colours_come_out_as_they_were_marked(tmp_path: Path) -> None:
     assert calibration.colours.white == pytest.approx(PAINT, abs=1.0)
 
 
-def test_what_lies_between_the_marks_follows_the_rules(tmp_path: Path) -> None:
-    colours = calibrate_marked(tmp_path, patches(tmp_path)).colours
-    shade = np.array([[[30, 70, 35], [150, 150, 150], [10, 10, 10]]], dtype=np.uint8)
-    assert colours.classify(shade)[0].tolist() == [GREEN, WHITE, OTHER]
-
-
 def test_a_mark_overrides_the_rule_where_it_lies(tmp_path: Path) -> None:
     file = patches(tmp_path)
     rows = yaml.safe_load(file.read_text())
@@ -121,17 +113,6 @@ def test_marks_in_a_recording_are_used_by_themselves(small_data: Path, tmp_path:
     marked = calibrate_recording(open_source(folder))
     assert "1 marked region" in marked.learned_from
     assert marked.colours.green == pytest.approx(unmarked.colours.green, abs=8.0)
-
-
-@pytest.mark.parametrize("letter", ["a", "b", "c"])
-def test_a_saved_table_separates_green_from_lines_of_photographs(small_data: Path, tmp_path: Path, letter: str) -> None:
-    from test_photographs import photograph
-
-    image, camera, marks = photograph(small_data, letter)
-    save_colours(calibrate_unmarked([image], camera, letter).colours, tmp_path / "colours.npz")
-    classes = load_colours(tmp_path / "colours.npz").classify(image)
-    assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95
-    assert not any(classes[v, u] == GREEN for u, v in marks["on_line"])
 
 
 def test_an_image_without_carpet_is_named(camera: OmniCamera) -> None:
@@ -241,20 +222,6 @@ def test_regions_that_teach_nothing_are_refused(tmp_path: Path, change: dict[str
 # --- use --------------------------------------------------------------------------------------------------------------
 
 
-def test_a_detector_with_a_saved_table_finds_what_it_would_find_itself(
-    camera: OmniCamera, image: ImageArray, colours: ColourModel
-) -> None:
-    own, given = LinePointDetector(camera), LinePointDetector(camera)
-    own.learn([image])
-    given.use_colours(colours, [image])
-    expected = own.detect(image).positions_m
-    assert len(expected) > 50
-    assert len(given.detect(image)) == pytest.approx(len(expected), rel=0.05)
-    bare = LinePointDetector(camera)
-    bare.use_colours(colours)
-    assert len(bare.detect(image)) == pytest.approx(len(expected), rel=0.1)
-
-
 def test_a_kept_table_is_never_learned_anew(
     camera: OmniCamera, image: ImageArray, colours: ColourModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -288,14 +255,6 @@ def test_the_command_learns_from_an_image(small_data: Path, tmp_path: Path, caps
     assert "--camera FILE" in capsys.readouterr().err
 
 
-def test_the_picture_shows_the_marked_classes(tmp_path: Path) -> None:
-    calibration = calibrate_marked(tmp_path, patches(tmp_path))
-    classes = colour_picture(calibration.colours, calibration.image)[40:, 640:1280]
-    for kind, row, column in ((line_graph.MAGENTA, 1, 0), (line_graph.ORANGE, 1, 1), (line_graph.WHITE, 0, 1)):
-        patch = classes[320 * row : 320 * row + 320, 320 * column : 320 * column + 320]
-        assert np.mean(np.all(patch == SHADES[kind][1], axis=-1)) > 0.95
-
-
 def test_the_command_learns_from_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     regions = patches(tmp_path)
     arguments = ["calibrate", "colour", str(tmp_path / "patches.png"), "--regions", str(regions)]
@@ -305,18 +264,3 @@ def test_the_command_learns_from_marks(tmp_path: Path, capsys: pytest.CaptureFix
     assert "learned: orange, magenta; the usual ones" in said
     assert main([*arguments, "--output", str(tmp_path / "new" / "colours.npz")]) == 0
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"colours.npz", "colours.png"}
-
-
-def test_a_humanoid_s_colours_are_learned_from_its_images(small_data: Path, tmp_path: Path) -> None:
-    recording = small_data / "humanoid_9x6_walk"
-    found = calibrate_recording(open_source(recording))
-    assert "8 images of humanoid_9x6_walk" in found.learned_from
-    assert found.colours.green[1] > 1.2 * found.colours.green[2]
-    assert found.colours.white.min() > 200.0
-    assert learned_names(found.colours.ellipses) == ("orange",)  # the ball
-    classes = found.colours.classify(found.image)
-    assert (classes[300:] == GREEN).mean() > 0.7
-    one = str(recording / "images" / "000000.jpg")
-    wanted = ["calibrate", "colour", one, "--camera", str(recording / "camera.yaml"), "-o", str(tmp_path / "c.npz")]
-    assert main(wanted) == 0
-    assert load_colours(tmp_path / "c.npz").green == pytest.approx(found.colours.green, abs=8.0)

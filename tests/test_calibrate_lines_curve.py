@@ -91,24 +91,6 @@ def test_a_mirror_of_two_parts_is_followed_over_its_kink(field: FieldModel) -> N
     assert np.sqrt(np.mean(errors**2)) < 0.006
 
 
-def test_where_points_follow_a_tangent_it_goes_on_nearer_than_all_lines(field: FieldModel) -> None:
-    # with a smooth correction that was free there, the range at 1 m was 20 % off
-    found = calibrated(field, field, [Pose(4.4, 3.5, 0.3)], tangent_table(), np.random.default_rng(1))
-    first = float(found.shape.range_m(np.array([found.first_px]))[0])
-    assert first > 1.5
-    assert np.abs(ratios(found, tangent_table(), 0.5, first)).max() < 0.02
-
-
-def test_one_line_that_lies_aside_does_not_shift_the_mirror(field: FieldModel) -> None:
-    segments = field.segments.copy()
-    aside = np.flatnonzero(np.all(np.abs(segments[:, [0, 2]] - 6.8125) < 0.01, axis=1))[0]
-    segments[aside, [0, 2]] -= 0.08  # the penalty area is 8 cm too deep
-    laid = replace(field, segments=segments)
-    found = calibrated(field, laid, [Pose(3.0, -1.5, 0.7)], tangent_table(), np.random.default_rng(2))
-    assert np.abs(found.shape.center - CENTER).max() < 0.4
-    assert np.abs(ratios(found, tangent_table())).max() < 0.016  # 0.012 were no line free to lie along its edge
-
-
 def test_a_file_with_the_lines_outer_edges_does_not_shift_the_mirror(field: FieldModel) -> None:
     # ranges were 1 % off, and said to be right to 0.2
     found = calibrated(along_edges(field), field, TURN, tangent_table(), np.random.default_rng(6))
@@ -142,23 +124,6 @@ def test_a_matrix_that_tells_nothing_is_refused_by_name(field: FieldModel) -> No
             certainty_of(CurveFit(fit, expected, 0.001), seen, lines)
 
 
-def test_points_on_a_line_that_is_half_a_metre_aside_are_not_on_the_fields(field: FieldModel) -> None:
-    # the line was moved to them, and all counted as on lines: a laboratory's field passed for 18 x 12 m
-    segments = field.segments.copy()
-    aside = np.flatnonzero(np.all(np.abs(segments[:, [0, 2]] - 6.8125) < 0.01, axis=1))[0]
-    segments[aside, [0, 2]] -= 0.5
-    laid = replace(field, segments=segments)
-    found = calibrated(field, laid, [Pose(3.0, -1.5, 0.7)], tangent_table(), np.random.default_rng(2))
-    assert found.on_lines < 0.95
-
-
-def test_a_lean_of_a_degree_is_known_to_a_tenth(field: FieldModel) -> None:
-    bend = np.array([0.035, -0.02])
-    found = calibrated(field, field, TURN, tangent_table(), np.random.default_rng(3), bend)
-    assert np.abs(found.shape.bend_per_m - bend).max() < 0.0035
-    assert np.abs(ratios(found, tangent_table())).max() < 0.01
-
-
 def test_one_image_tells_a_lean_and_the_centre_is_that_of_the_upright_mirror(field: FieldModel) -> None:
     # taken for upright, ranges were up to 6 % off on one side
     bend = np.array([0.022, -0.012])
@@ -190,6 +155,7 @@ def test_points_on_penalty_marks_are_left_out(field: FieldModel) -> None:
     assert len(found.pixels[0]) == len(ground)
 
 
+@pytest.mark.slow
 def test_errors_are_about_as_large_as_is_said(field: FieldModel) -> None:
     scores = []
     for seed in range(6):

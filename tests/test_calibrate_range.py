@@ -156,12 +156,6 @@ def test_a_degree_that_does_not_rise_is_refused_and_others_are_named(tmp_path: P
     assert fit_range(wild).degree < 4
 
 
-def test_without_a_degree_the_usual_one_is_taken_as_far_as_the_distances_allow(tmp_path: Path) -> None:
-    assert fit_range(written(tmp_path, marks(np.linspace(40, 140, 12)))).degree == 6
-    assert fit_range(written(tmp_path, marks(RADII[:5]))).degree == 3
-    assert fit_range(written(tmp_path, marks(RADII[:2]))).degree == 1
-
-
 @pytest.mark.parametrize(
     ("radii", "degree", "said"),
     [
@@ -248,12 +242,3 @@ def test_the_command_writes_camera_and_picture(tmp_path: Path, capsys: pytest.Ca
     beside = read_image(tmp_path / "again.png")
     assert beside.shape[1] > 1.5 * alone.shape[1]
     assert (np.abs(beside.astype(int) - (40, 140, 40)).max(axis=2) < 6).mean() > 0.15  # the image, with little over it
-
-
-def test_the_command_refuses_what_it_cannot_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, said in (
-        ((tmp_path / "none.csv",), "there is no such"),
-        ((tmp_path, "--camera", tmp_path / "c.yaml"), "--camera is for a file of marks"),
-    ):
-        assert invoke("calibrate", "range", *arguments, "--output", tmp_path / "o.yaml") == 2
-        assert said in capsys.readouterr().err

@@ -124,15 +124,6 @@ def test_the_command_prints_each_size_and_writes_the_field(
     assert "exists already" in capsys.readouterr().err
 
 
-def test_images_need_their_field_and_camera(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    photograph = small_data / "real" / "omni" / "nubot_a.png"
-    assert main(["fields", "measure", str(photograph)]) == 2
-    assert "images need the field (--field NAME) and their camera (--camera FILE)" in capsys.readouterr().err
-    camera = small_data / "real" / "omni" / "nubot_a.camera.yaml"
-    assert main(["fields", "measure", str(photograph), "--field", "msl-18x12", "--camera", str(camera)]) == 0
-    assert "not observed" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("wrong", ["msl-22x14", "hsl-m-14x9"])
 def test_a_field_that_some_observations_fit_is_refused_and_the_right_one_named(
     wrong: str, monkeypatch: pytest.MonkeyPatch

@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 from synthetic import (
     BLACK,
-    BODY_PX,
     CROSS,
-    GREEN,
     GREY,
     WHITE,
     YELLOW,
@@ -31,7 +29,6 @@ from touchline.perception import observe
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.ray_runs import RUN_COLUMNS, RayPictures, Rays, RunLimits, white_runs
 from touchline.published.iris_fusion.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
-from touchline.sources import open_source
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
@@ -55,22 +52,6 @@ def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArra
     assert np.median(off[ranges < 3.0]) < 0.004
     pixel_m = np.abs(ground_jacobian(CAMERA.ground_from_image, points.pixels)).max(axis=(1, 2))
     assert np.quantile(off / pixel_m, 0.9) < 0.35
-
-
-def test_rays_are_two_and_a_half_degrees_apart(cross_image: ImageArray) -> None:
-    offset = detected(cross_image).pixels - CAMERA.center
-    turns = np.degrees(np.arctan2(offset[:, 1], offset[:, 0])) / 2.5
-    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
-    wide = detected(cross_image, ray_step_deg=10.0)
-    assert len(wide) < 0.35 * len(offset)
-
-
-def test_every_run_of_a_ray_counts_not_only_the_first() -> None:
-    lines = [(1.0, 0.0, 1.0), (1.0, 0.0, 2.0), (1.0, 0.0, 3.0)]
-    points = detected(paint_ground(CAMERA, line_field(lines)))
-    ahead = points.positions_m[np.abs(points.positions_m[:, 1]) < 0.2]
-    for _, _, x in lines:
-        assert np.any(np.abs(ahead[:, 0] - x) < 0.02)
 
 
 @pytest.mark.parametrize("light", [0.3, 0.5, 1.0, 1.1])
@@ -156,54 +137,6 @@ def at_left(left_m: float) -> tuple[int, int]:
     """Row and column of the ground at that distance to the robot's left."""
     u, v = np.rint(CAMERA.image_from_ground([[0.0, left_m]])[0]).astype(int)
     return int(v), int(u)
-
-
-def test_green_posters_beyond_the_floor_do_not_widen_the_hull() -> None:
-    def colour_at(points: FloatArray) -> FloatArray:
-        colours = line_field(CROSS)(points)
-        colours[points[:, 1] > 1.6] = WHITE
-        colours[(np.abs(points[:, 1] - 3.2) < 0.5) & (np.abs(points[:, 0]) < 0.7)] = GREEN
-        return colours
-
-    points = detected(paint_ground(CAMERA, colour_at))
-    assert len(points) >= 60
-    assert np.mean(distances(points, CROSS) > 0.1) < 0.02
-
-
-def test_the_robot_itself_and_black_rods_give_no_points(cross_image: ImageArray) -> None:
-    image = cross_image.copy()
-    v, u = np.mgrid[0:480, 0:480]
-    radius, angle = np.hypot(u - 239.5, v - 239.5), np.arctan2(v - 239.5, u - 239.5)
-    image[(radius < BODY_PX) & (radius > BODY_PX - 8)] = WHITE
-    image[(np.abs(angle - 2.0) < 0.03) & (radius > BODY_PX)] = BLACK
-    points = detected(image)
-    assert np.max(distances(points, CROSS)) < 0.1
-
-
-def test_carpet_on_both_sides_of_two_robots_that_stand_close_is_one_field(cross_image: ImageArray) -> None:
-    image = cross_image.copy()
-    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]] - CAMERA.center[0]
-    image[(np.abs(np.arctan2(v, np.abs(u))) < 0.4) & (np.hypot(v, u) > BODY_PX)] = BLACK
-    above = detected(image).pixels[:, 1] < CAMERA.center[1]
-    assert min(above.sum(), (~above).sum()) >= 15  # only the robot itself joins them
-
-
-def test_a_noisy_image_is_blurred_more() -> None:
-    image = paint_ground(CAMERA, line_field(CROSS), noise=18.0)
-    points = detected(image)
-    assert len(points) >= 60
-    assert np.mean(distances(points, CROSS) > 0.1) < 0.03
-
-
-def test_covariances_are_those_of_a_pixel_on_the_ground(cross_image: ImageArray) -> None:
-    points = detected(cross_image)
-    ranges = np.hypot(*points.positions_m.T)
-    along = points.positions_m / ranges[:, np.newaxis]
-    radial = np.sqrt(np.einsum("ni,nij,nj->n", along, points.covariances_m2, along))
-    assert np.median(radial[ranges < 1.5]) < 0.015
-    assert np.all(radial[ranges > 3.0] > 2.0 * np.median(radial[ranges < 1.5]))
-    assert np.all((points.confidences > 0.0) & (points.confidences <= 1.0))
-    np.testing.assert_allclose(CAMERA.ground_from_image(points.pixels), points.positions_m, atol=0.06)
 
 
 def test_a_range_file_takes_the_place_of_the_camera_and_ends_where_it_ends(
@@ -326,33 +259,3 @@ def test_stages_are_pictures_of_figures_6_and_7(cross_image: ImageArray) -> None
     assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures.values())
     assert np.any(pictures["bitwise AND"] != pictures["HSL threshold"])
     assert np.any(pictures["line points"] != pictures["convex hull"])
-
-
-@pytest.mark.parametrize(
-    ("name", "least", "most_outliers"),
-    [
-        ("omni_msl_track", 80, 0.02),
-        ("omni_msl_match", 60, 0.02),
-        ("omni_msl_sun", 100, 0.02),
-        ("omni_9x6_points", 30, 0.06),
-    ],
-)
-def test_recordings_under_any_light_give_points_on_the_lines(
-    shared_data: Path, name: str, least: int, most_outliers: float
-) -> None:
-    """Lamps, crowds, sun and thin lines with the same settings: centimetres, and hardly a point that is no line."""
-    source = open_source(shared_data / name)
-    detector = HsvLineDetector(source.camera, line_width_m=source.field.line_width)
-    assert source.truth is not None
-    off, near = [], []
-    for index in range(0, len(source), 12):
-        image = source.image(index)
-        assert image is not None
-        points = detector.detect(image)
-        assert len(points) >= least
-        off.append(source.field.line_distances(source.truth[index].transform(points.positions_m)))
-        near.append(np.hypot(*points.positions_m.T) < 3.0)
-    distance_m, is_near = np.concatenate(off), np.concatenate(near)
-    assert np.median(distance_m[is_near]) < 0.004
-    assert np.quantile(distance_m[is_near], 0.9) < 0.01
-    assert np.mean(distance_m > 0.3) < most_outliers

@@ -118,19 +118,6 @@ def test_rprop_takes_the_steps_of_the_textbook() -> None:
     np.testing.assert_allclose(match.iterations, expected, atol=1e-6)
 
 
-def test_steps_grow_by_a_fifth_and_shrink_by_half() -> None:
-    points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
-    match = Matcher(MAP).match(points, range_weights(points, WeightSettings()), Pose(-3.4, 2.2, 1.1), record=True)
-    assert match.iterations is not None
-    steps = np.abs(np.diff(match.iterations[:, 0]))
-    signs = np.sign(np.diff(match.iterations[:, 0]))
-    factors = steps[1:] / steps[:-1]
-    assert steps[0] == pytest.approx(0.1)
-    np.testing.assert_allclose(factors[signs[1:] == signs[:-1]], 1.2)
-    np.testing.assert_allclose(factors[signs[1:] != signs[:-1]], 0.5)
-    assert (signs[1:] != signs[:-1]).sum() >= 3
-
-
 def test_the_best_pose_seen_is_returned_not_the_last() -> None:
     points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
     weights = range_weights(points, WeightSettings())
@@ -140,11 +127,6 @@ def test_the_best_pose_seen_is_returned_not_the_last() -> None:
     np.testing.assert_allclose(match.pose, best[:3])
     assert match.error == pytest.approx(best[3])
     assert match.error < match.iterations[-1, 3]
-
-
-def test_without_asking_no_iterations_are_kept() -> None:
-    points = view(FIELD, Pose(0.0, 1.0, 0.0), np.random.default_rng(0))
-    assert Matcher(MAP).match(points, range_weights(points, WeightSettings()), Pose(0.0, 1.0, 0.0)).iterations is None
 
 
 @pytest.mark.parametrize("heading", [math.pi - 0.01, -math.pi + 0.01])

@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import MotionHistory, OdometrySettings
@@ -38,27 +36,6 @@ def track(*samples: Samples, settings: OdometrySettings | None = None) -> Motion
     return one
 
 
-@settings(deadline=None)
-@given(start=st.integers(0, 900), span=st.integers(0, 1000), heading=st.floats(-3.1, 3.1))
-def test_motion_between_any_two_stamps_is_the_arc_driven(start: int, span: int, heading: float) -> None:
-    """Whatever the heading in the odometry frame was, across half a turn too."""
-    one = track(odometry(np.arange(0, 2000, 20.0), start=heading))
-    motion = one.between(start * MS, (start + span) * MS)
-    t, rate = span / 1000.0, 0.5
-    assert motion.pose.x == pytest.approx(math.sin(rate * t) / rate, abs=1e-4)
-    assert motion.pose.y == pytest.approx((1 - math.cos(rate * t)) / rate, abs=1e-4)
-    assert motion.pose.heading == pytest.approx(rate * t, abs=1e-6)
-    assert motion.missing_s == 0.0
-
-
-def test_samples_may_come_frame_by_frame() -> None:
-    whole = odometry(np.arange(0, 500, 20.0))
-    parts = [Samples(whole.stamp_ns[k : k + 5], whole.values[k : k + 5]) for k in range(0, 25, 5)]
-    one, other = track(whole).between(30 * MS, 470 * MS), track(*parts).between(30 * MS, 470 * MS)
-    assert one.pose == pytest.approx(other.pose)
-    np.testing.assert_allclose(one.covariance, other.covariance)
-
-
 def test_the_last_motion_goes_on_for_a_short_time() -> None:
     one = track(odometry(np.arange(0, 500, 20.0)))
     motion = one.between(400 * MS, 540 * MS)
@@ -84,10 +61,6 @@ def test_an_outage_is_reported_and_widens_the_covariance_with_its_length() -> No
     assert long.pose == short.pose  # motion is not made up
 
 
-def test_time_before_the_first_sample_is_missing() -> None:
-    assert track(odometry(np.arange(300, 500, 20.0))).between(100 * MS, 400 * MS).missing_s == pytest.approx(0.2)
-
-
 def test_counters_that_went_on_during_a_gap_bridge_it() -> None:
     one = track(odometry(np.r_[np.arange(0, 200, 20.0), np.arange(400, 700, 20.0)]))
     motion = one.between(100 * MS, 600 * MS)
@@ -107,28 +80,6 @@ def test_noise_grows_with_the_way_each_axis_with_its_own_scale_error() -> None:
     np.testing.assert_allclose(variances[:2], TRAVEL_NOISE_M**2 * way_m + DRIFT_M**2 * seconds)
     turned = TRAVEL_NOISE_RAD**2 * way_m + TURN_NOISE_RAD**2 * turns_rad
     np.testing.assert_allclose(variances[2], turned + DRIFT_RAD**2 * seconds)
-
-
-def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:
-    samples = odometry(np.arange(0, 500, 20.0))
-    values, stamps = samples.values.copy(), samples.stamp_ns.copy()
-    values[5, 1] = np.nan
-    stamps[10] = stamps[2]
-    one = track(Samples(stamps, values), Samples(stamps[:3], values[:3]))
-    assert one.dropped["odometry"] == 5
-    assert one.between(0, 400 * MS).pose == pytest.approx(track(samples).between(0, 400 * MS).pose, abs=1e-4)
-
-
-def test_old_samples_are_forgotten() -> None:
-    one = MotionHistory()
-    for start in range(0, 60_000, 1000):
-        one.add(Frame((start + 1000) * MS, odometry=odometry(np.arange(start, start + 1000, 20.0))))
-    assert len(one.odometry.samples) < 320
-
-
-def test_time_does_not_run_backwards() -> None:
-    with pytest.raises(ValueError, match="forward"):
-        track(odometry(np.arange(0, 500, 20.0))).between(400 * MS, 300 * MS)
 
 
 def yaw(times_ms: np.ndarray, rate: float, lag_ms: float = 20.0, start: float = 0.0) -> Samples:

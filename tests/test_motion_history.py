@@ -208,40 +208,6 @@ def test_any_past_interval_gives_the_same_answer_again_and_again(seed: int) -> N
         assert (one.at(start), one.at(end)) == (first, last_)
 
 
-@often
-@seeds
-def test_motions_of_parts_make_the_whole(seed: int) -> None:
-    stream = Stream(seed)
-    one = stream.fed()
-    first, last = stream.covered_ns("wheels", "gyro", "odometry")
-    start, middle, end = sorted(stream.rng.integers(first, last, 3).tolist())
-    for answer in (one.between, one.odometry.between):
-        whole = answer(start, end).pose
-        parts = answer(start, middle).pose.compose(answer(middle, end).pose)
-        assert parts.distance_to(whole) < 1e-9
-        assert abs(wrap_angle(parts.heading - whole.heading)) < 1e-9
-
-
-def test_beyond_the_newest_samples_the_last_motion_goes_on_from_any_stamp() -> None:
-    """Forward at 1 m/s and turning at 0.5 rad/s; asked from before the newest sample, and from beyond it."""
-    times = np.arange(0, 1001, 20) * MS
-    t = times / 1e9
-    wheels = Samples(times, np.outer(t, np.cos(DIRECTIONS)) + 0.05 * t[:, np.newaxis] * [1.0, 0.0])
-    gyro = Samples(times, np.column_stack((0 * t, 0 * t, 0 * t + 0.52)))
-    one = history()
-    one.add(Frame(SECOND, wheels=wheels, gyro=gyro))
-    whole = one.between(900 * MS, 1080 * MS)
-    assert whole.pose.heading == pytest.approx(0.09)
-    assert np.hypot(*whole.pose[:2]) == pytest.approx(0.18, abs=1e-3)
-    assert whole.missing_s == 0.0
-    beyond = one.between(1020 * MS, 1080 * MS)
-    assert beyond.pose.heading == pytest.approx(0.03)
-    assert np.hypot(*beyond.pose[:2]) == pytest.approx(0.06, abs=1e-3)
-    stopped = one.between(1200 * MS, 1300 * MS)
-    assert stopped.pose == Pose(0.0, 0.0, 0.0)
-    assert stopped.missing_s == pytest.approx(0.1)
-
-
 def test_arrays_are_the_samples_after_each_change_and_earlier_ones_stay() -> None:
     held = SampleHistory(columns=2)
     kept: list[int] = []

@@ -10,7 +10,6 @@ from line_scenes import lone_line, view
 
 from touchline.config import PAPER, load_settings
 from touchline.field import FieldModel, open_field
-from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.motion.odometry import Motion
 from touchline.published.nubot.matcher import Matcher
@@ -73,27 +72,6 @@ def test_the_loop_agrees_with_its_numpy_twin_inside_and_outside_the_table() -> N
     assert found == pytest.approx(-1.7 * (squares[iy, ix] * shares).sum(axis=1), rel=1e-9)
 
 
-def test_a_capped_distance_lets_a_stray_point_count_no_worse_than_the_cap() -> None:
-    capped = paper_form_but(farthest_sigmas=2.0)
-    points = seen_from(Pose(2.0, 1.0, 0.3))
-    stray = np.vstack((points, [[9.0, 7.0]]))  # 1.1 m from the nearest line
-    pose = np.array([[2.0, 1.0, 0.3]])
-    change = monte_carlo(capped).log_likelihoods(stray, None, pose) - monte_carlo(capped).log_likelihoods(
-        points, None, pose
-    )
-    assert change[0] == pytest.approx(-(2.0**2) / 2, rel=1e-6)
-
-
-def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
-    points = seen_from(Pose(2.0, 1.0, 0.3))
-    poses = np.array([[2.4, 0.8, 0.2], [-8.0, 5.0, 3.0]])
-    tempered = paper_form_but(independent_points=20.0)
-    ratio = monte_carlo(tempered).log_likelihoods(points, None, poses) / monte_carlo(PAPER_FORM).log_likelihoods(
-        points, None, poses
-    )
-    assert ratio == pytest.approx(20.0 / len(points), rel=1e-6)
-
-
 def test_the_sensor_model_narrows_while_the_particles_agree_and_widens_again() -> None:
     points, pose = seen_from(Pose(2.0, 1.0, 0.3)), np.array([[2.4, 0.8, 0.2]])
     mcl = monte_carlo(paper_form_but(converged_sigma_m=0.1))
@@ -131,17 +109,6 @@ def test_weights_are_the_exponentials_over_their_sum(shift: float) -> None:
     assert effective == pytest.approx(1.0 / np.sum(plain**2))
 
 
-def test_the_effective_sample_size_is_the_square_of_the_sum_over_the_sum_of_squares() -> None:
-    log_weights = np.log(np.array([3.0, 1.0, 2.0]))
-    assert normalize(log_weights, np.empty(3)) == pytest.approx(36.0 / 14.0)
-
-
-def test_the_effective_sample_size_runs_from_one_to_all() -> None:
-    weights = np.empty(5)
-    assert normalize(np.zeros(5), weights) == pytest.approx(5.0)
-    assert normalize(np.array([0.0, -99.0, -99.0, -99.0, -99.0]), weights) == pytest.approx(1.0)
-
-
 # --- resampling -------------------------------------------------------------------------------------------------------
 
 
@@ -159,17 +126,6 @@ def test_every_particle_is_drawn_its_weight_s_number_of_times_rounded_down_or_up
         drawn = counts(weights, float(rng.random()), number)
         assert drawn.sum() == number
         assert np.all(np.abs(drawn - number * weights) < 1.0)
-
-
-def test_the_mean_number_of_draws_is_exactly_the_weight() -> None:
-    weights = np.array([0.05, 0.4, 0.0, 0.3, 0.25])
-    starts = (np.arange(2000) + 0.5) / 2000
-    mean = np.mean([counts(weights, start, 6) for start in starts], axis=0)
-    assert mean == pytest.approx(6 * weights, abs=1e-3)
-
-
-def test_alike_weights_keep_every_particle_once() -> None:
-    assert counts(np.full(600, 1 / 600), 0.5, 600).tolist() == [1] * 600
 
 
 def test_resampling_waits_until_the_effective_sample_size_falls() -> None:
@@ -278,33 +234,10 @@ def test_without_a_compass_headings_cover_half_the_circle_of_a_symmetric_field_a
         assert np.abs(mcl.particles.poses[:, 2]).max() == pytest.approx(most, rel=0.01)
 
 
-def test_a_region_keeps_its_particles_inside() -> None:
-    mcl = monte_carlo()
-    mcl.restart(0.0, OWN_HALF)
-    assert mcl.particles.poses[:, 0].max() <= 0.0
-    assert mcl.particles.poses[:, 0].min() < -9.0
-
-
 def test_the_prior_particle_ratio_starts_about_the_last_pose() -> None:
     mcl = monte_carlo(NubotParticleSettings(paper=NubotParticlePaper(prior_particle_ratio=0.25)))
     mcl.restart(0.0, near=(Pose(30.0, 0.0, 0.0), np.eye(3) * 1e-4))
     assert np.count_nonzero(mcl.particles.poses[:, 0] > 29.0) == 150
-
-
-def test_some_particles_start_anew_at_every_drawing_until_all_agree() -> None:
-    """None of the first ones is anywhere near the robot."""
-    pose = Pose(6.0, -3.0, 0.2)
-    for share, found in ((0.0, False), (0.1, True)):
-        mcl = monte_carlo(
-            NubotParticleSettings(
-                converged_m=1e-3, paper=NubotParticlePaper(random_particle_ratio=share, refined_clusters=0)
-            )
-        )
-        mcl.restart(0.2, near=(Pose(-6.0, 3.0, 0.2), np.eye(3) * 1e-3), everything_near=True)
-        for seed in range(60):
-            mcl.predict(STILL)
-            mcl.update(seen_from(pose, seed), None, 0.2)
-        assert (mcl.estimate().pose.distance_to(pose) < 1.0) == found
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
@@ -315,15 +248,6 @@ def test_bins_are_counted_once_each_and_wrap_with_the_heading() -> None:
     middle = Pose(0.25, 0.25, 0.0)
     assert occupied_bins(apart, middle, 0.5, 0.2618) == 4
     assert occupied_bins(np.array([[0.1, 0.1, 3.1], [0.1, 0.1, 3.1 - 2 * math.pi]]), middle, 0.5, 0.2618) == 1
-
-
-def test_a_narrow_cloud_fills_one_bin_wherever_it_lies() -> None:
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        middle = Pose(*rng.uniform(-9, 9, 2), rng.uniform(-math.pi, math.pi))
-        cloud = middle.as_array() + rng.uniform(-1.0, 1.0, (100, 3)) * (0.24, 0.24, 0.12)
-        assert occupied_bins(cloud, middle, 0.5, 0.2618) == 1
-        assert occupied_bins(cloud + np.array([0.3, 0.0, 0.0]), middle, 0.5, 0.2618) == 2
 
 
 def test_kld_numbers_are_those_of_the_chi_square_quantile() -> None:
@@ -368,17 +292,6 @@ def test_particles_converge_on_the_robot_and_say_so() -> None:
     assert abs(wrap_angle(mcl.estimate().pose.heading - pose.heading)) < math.radians(3)
 
 
-def test_the_paper_s_form_converges_too() -> None:
-    pose = Pose(-3.0, 2.0, 1.0)
-    mcl = monte_carlo(PAPER_FORM)
-    mcl.restart(1.0)
-    for seed in range(15):
-        mcl.predict(STILL)
-        mcl.update(seen_from(pose, seed), None)
-    assert mcl.converged
-    assert mcl.estimate().pose.distance_to(pose) < 0.3
-
-
 def test_particles_on_a_lone_line_never_converge() -> None:
     """Along the line nothing is observed, and the motion's noise spreads them."""
     field = lone_line()
@@ -389,34 +302,3 @@ def test_particles_on_a_lone_line_never_converge() -> None:
         mcl.update(view(field, Pose(1.0, 0.5, 0.0), np.random.default_rng(seed), 60, 4.0), None)
     assert not mcl.converged
     assert abs(mcl.estimate().pose.y) == pytest.approx(0.5, abs=0.5)
-
-
-def test_the_same_seed_gives_the_same_particles_another_seed_others() -> None:
-    def run(seed: int) -> FloatArray:
-        mcl = monte_carlo(seed=seed)
-        mcl.restart(0.3)
-        for k in range(4):
-            mcl.predict(STILL)
-            mcl.update(seen_from(Pose(2.0, 1.0, 0.3), k), None)
-        return mcl.particles.poses
-
-    assert np.array_equal(run(5), run(5))
-    assert not np.array_equal(run(5), run(6))
-
-
-def test_98_of_100_kidnapped_robots_are_found_within_10_cycles_with_a_compass_5_degrees_off() -> None:
-    found = 0
-    for k in range(100):
-        rng = np.random.default_rng(k)
-        pose = Pose(rng.uniform(-9, 9), rng.uniform(-6, 6), rng.uniform(-math.pi, math.pi))
-        compass = pose.heading + math.radians(5.0) * rng.choice([-1.0, 1.0])
-        mcl = monte_carlo(seed=k)
-        mcl.restart(compass)
-        for _ in range(10):
-            points = view(FIELD, pose, rng, 80, 5.0, 0.02, clutter=0.05)
-            mcl.predict(STILL)
-            mcl.update(points, None, compass)
-        mean = mcl.estimate().pose
-        right = mean.distance_to(pose) < 0.3 and abs(wrap_angle(mean.heading - pose.heading)) < 0.17
-        found += mcl.converged and right
-    assert found >= 98

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,8 @@ from touchline.camera.exposure import ExposureSettings, Watch
 from touchline.config import PAPER, load_settings, preset_values, settings_from_mapping, settings_rows, settings_tree
 from touchline.errors import InputError
 from touchline.systems import SYSTEMS, paper_settings
-from touchline.types import Status
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
 SHORT = ROOT / "examples" / "omni_msl_track_short"
 OF_PAPERS = [name for name, info in SYSTEMS.items() if preset_values(info.settings)]
 
@@ -54,27 +51,6 @@ def value_at(tree: dict[str, object], key: str) -> object:
         assert isinstance(value, dict)
         value = value[part]
     return value
-
-
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_every_switch_stands_in_the_tables_of_differences(name: str) -> None:
-    rows = " ".join(line for line in PAGE.splitlines() if line.startswith("|"))
-    named = set(re.findall(r"`(paper\.[a-z_.]+)`", rows))
-    block = {key for key, _, _ in settings_rows(SYSTEMS[name].settings) if key.startswith(f"{PAPER}.")}
-    assert block - named == set()
-
-
-def test_the_tables_of_differences_name_no_other_switch() -> None:
-    known = {key for info in SYSTEMS.values() for key, _, _ in settings_rows(info.settings)}
-    assert set(re.findall(r"`(paper\.[a-z_.]+)`", PAGE)) - known == set()
-
-
-@pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl", "iris-fusion"])
-def test_it_runs_on_the_recording_that_is_bundled(name: str) -> None:
-    run = prepare(SHORT, name, preset=PAPER)
-    assert run.settings == paper_settings(name)
-    estimates = [run.system.step(frame) for frame in run.source]
-    assert np.mean([e.status is Status.TRACKING for e in estimates]) > 0.5
 
 
 def test_a_file_and_the_command_line_win_over_the_preset(tmp_path: Path) -> None:

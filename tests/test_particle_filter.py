@@ -9,7 +9,7 @@ import pytest
 from line_scenes import view
 
 from touchline.field import open_field
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import Pose
 from touchline.motion.odometry import Motion
 from touchline.published.particles.motion_model import MotionModel
 from touchline.published.particles.particle_filter import ParticleFilter
@@ -22,7 +22,6 @@ FIELD = open_field("msl-18x12")
 LINES = DistanceMapModel(FIELD.distance_map(), 0.3, farthest_sigmas=3.3, independent_points=5.0)
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 REACH_M = np.array([10.0, 7.0])
-POSTS = np.array([[9.0, 1.0], [9.0, -1.0], [-9.0, 1.0], [-9.0, -1.0], [0.0, 6.0]])
 
 
 def lines(pose: Pose, seed: int) -> LineView:
@@ -52,7 +51,7 @@ def places(seed: int) -> tuple[Pose, Pose]:
 # --- random particles -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_kidnapped_robot_is_found_by_random_particles_and_not_without_them(seed: int) -> None:
     here, there = places(seed)
     injection = AugmentedInjection(about(here))
@@ -139,39 +138,3 @@ def test_the_mean_moves_on_with_the_odometry() -> None:
     made.predict(Motion(Pose(0.4, 0.1, 0.2), np.zeros((3, 3)), 0.0))
     assert made.estimate().pose == pytest.approx(Pose(1.0, 2.0, 0.5).compose(Pose(0.4, 0.1, 0.2)))
     assert made.particles.poses.mean(axis=0) == pytest.approx(made.estimate().pose.as_array(), abs=0.02)
-
-
-# --- other sensor models ----------------------------------------------------------------------------------------------
-
-
-class PostModel:
-    """Range and bearing of posts that look all the same: each particle takes the most likely one (equations 4 and 5 of
-    Schulz and Behnke 2012), with a uniform floor for false ones (equation 8).
-    """
-
-    def log_likelihoods(self, view: FloatArray, poses: FloatArray) -> FloatArray:
-        """view (M, 2): range (m), bearing (rad)."""
-        away = POSTS - poses[:, None, :2]
-        ranges_m = np.hypot(away[..., 0], away[..., 1])
-        bearings = np.arctan2(away[..., 1], away[..., 0]) - poses[:, None, 2]
-        found = np.zeros(len(poses))
-        for seen_m, seen_rad in view:
-            turned = np.angle(np.exp(1j * (bearings - seen_rad)))
-            errors = ((ranges_m - seen_m) / (0.05 + 0.1 * seen_m)) ** 2 + (turned / 0.1) ** 2
-            found += np.log(0.05 + 0.95 * np.exp(-0.5 * errors.min(axis=1)))
-        return found
-
-
-def test_the_same_filter_localizes_by_posts_instead_of_line_points() -> None:
-    pose = Pose(3.0, 1.5, 0.4)
-    rng = np.random.default_rng(5)
-    made: ParticleFilter[FloatArray] = ParticleFilter(
-        ParticleSet(about(pose).draw(rng, 1000)), MotionModel(), PostModel(), Resampling(0.5, CertaintyNumber()), rng
-    )
-    away = pose.inverse().transform(POSTS)
-    for _ in range(20):
-        polar = np.column_stack((np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0])))
-        made.predict(STILL)
-        made.update(polar + rng.normal(0.0, 0.03, polar.shape))
-    assert made.estimate().pose.distance_to(pose) < 0.3
-    assert made.estimate().pose.heading == pytest.approx(pose.heading, abs=0.1)

@@ -131,13 +131,6 @@ def test_limits_have_hysteresis(middling: dict[str, float]) -> None:
     assert step(fusion, at(1.3), seen(at(1.3), **middling)) is Mode.ODOMETRY  # type: ignore[arg-type]
 
 
-def test_one_image_elsewhere_does_not_pull_the_pose() -> None:
-    fusion = placed()
-    assert step(fusion, at(1.1), seen(at(1.6))) is Mode.ODOMETRY
-    assert fusion.pose == at(1.1)
-    assert step(fusion, at(1.2), seen(at(1.2))) is Mode.BOTH
-
-
 # --- omnivision -----------------------------------------------------------------------------------------------------
 
 
@@ -174,19 +167,6 @@ def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     assert fusion.has_pose
 
 
-def test_a_moving_robot_is_found_by_more_images_that_fit_less_well_and_one_bad_image_says_nothing() -> None:
-    ahead = Motion(Pose(0.1, 0.0, 0.0), STEP.covariance, 0.0)
-    start = Pose(-2.0, 0.5, 0.3)
-    places = [start.compose(Pose(0.1 * k, 0.0, 0.0)) for k in range(6)]
-    ratios = [0.75, 0.75, 0.55, 0.75, 0.75, 0.75]
-    fusion = SensorFusion()
-    found = [
-        step(fusion, HERE, seen(place, inlier_ratio=ratio), ahead) is Mode.OMNIVISION
-        for place, ratio in zip(places, ratios, strict=True)
-    ]
-    assert found == [False] * 5 + [True]
-
-
 def test_along_a_lone_line_the_particles_err_as_the_odometry_does() -> None:
     odometry, spread = np.diag([0.02, 0.03, 0.01]) ** 2, np.diag([0.1, 0.1, 0.05]) ** 2
     lines = np.diag([0.0, 0.005**-2, 0.002**-2])  # x is open
@@ -208,13 +188,6 @@ def test_an_image_of_a_lone_line_contradicts_nothing() -> None:
             still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
             told = fusion.update(HERE, still, seen(at(-2.0)), 0.1, image=doubt)
         assert told is mode
-
-
-def test_without_odometry_omnivision_goes_on_alone() -> None:
-    fusion = placed()
-    blind = Motion(Pose(0.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.02]), 0.1)
-    assert step(fusion, HERE, seen(at(1.1)), blind) is Mode.OMNIVISION
-    assert fusion.pose == at(1.1)
 
 
 def unsure(frames: int = 60) -> SensorFusion:
@@ -247,13 +220,6 @@ def test_without_odometry_an_image_agrees_as_far_as_a_robot_gets_between_two_ima
             assert step(unsure(), HERE, seen(at(1.0, heading=0.3 + turned)), blind(seconds)) is Mode.ODOMETRY
 
 
-def test_without_odometry_a_moving_robot_is_found() -> None:
-    """Images that lie apart by what a robot drives contradict the old pose in one and the same way."""
-    fusion = placed()
-    modes = [step(fusion, HERE, seen(at(4.0 + 0.2 * k)), blind(0.1)) for k in range(limits.FRAMES)]
-    assert modes == [Mode.ODOMETRY] * (limits.FRAMES - 1) + [Mode.OMNIVISION]
-
-
 def blind(seconds: float) -> Motion:
     """Nothing known of the motion: the robot may have driven at 1 m/s and turned at 1.5 rad/s."""
     return Motion(Pose(0.0, 0.0, 0.0), np.diag([seconds, seconds, 1.5 * seconds]) ** 2, seconds)
@@ -275,14 +241,6 @@ def test_odometry_alone_is_lost_once_its_errors_may_have_summed_up_too_far() -> 
     deviation_m = math.sqrt(fusion.covariance[0, 0] + fusion.covariance[1, 1])
     # the errors of the steps add up: as standard deviations, not as variances
     assert deviation_m > 400 * math.sqrt(2e-5) * 0.9
-
-
-def test_the_covariance_stays_symmetric_and_positive() -> None:
-    fusion = placed()
-    for k in range(60):
-        step(fusion, HERE, seen(HERE) if k % 7 else None, Motion(Pose(0.05, 0.02, 0.1), STEP.covariance, 0.0))
-        assert np.allclose(fusion.covariance, fusion.covariance.T)
-        assert np.linalg.eigvalsh(fusion.covariance).min() > 0.0
 
 
 def test_the_gyro_s_bias_is_learned_from_the_particles() -> None:
@@ -393,57 +351,6 @@ def test_a_compass_that_turns_round_while_the_robot_is_followed_is_doubted_and_n
     assert not side.doubted
     answers = heard(side, math.pi, 105 + field_side.PATIENCE_FRAMES + 1)  # one that goes on for longer is right
     assert answers.index(True) == len(answers) - 1
-
-
-def test_a_robot_that_is_lost_while_the_compass_is_doubted_waits_until_the_compass_changes_its_mind() -> None:
-    for found_off in (0.0, math.pi):  # at the end that the false compass says, or at the other
-        side = FieldSide(1.6)
-        heard(side, 0.1, 100)
-        heard(side, math.pi, 20)
-        side.search(known=True)
-        assert not any(heard(side, found_off, 50))
-        assert not side.known
-        answers = heard(side, math.pi - found_off, field_side.HEADING_FRAMES)
-        assert answers[-1] is (found_off == 0.0)  # the compass is right again: the other end, or this one
-        assert side.known is not answers[-1]
-
-
-def test_a_compass_that_turned_round_as_the_robot_was_moved_is_asked_once_the_robot_is_lost() -> None:
-    for moved in (False, True):
-        side = FieldSide(1.6)
-        heard(side, 0.1, 100)
-        side.update_from_compass(math.pi, moved)
-        heard(side, math.pi, 20)
-        assert side.doubted
-        assert side.either_end is moved
-        heading_rad = side.heading(0.2)
-        assert heading_rad is not None
-        assert abs(wrap_angle(heading_rad - (0.2 if moved else 0.2 + math.pi))) < 1e-9  # as it is, or without its jump
-        side.search(known=True)
-        heard(side, 0.0, field_side.HEADING_FRAMES)
-        assert side.twin_probability is None  # it may have failed during a shove
-        assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]
-
-
-def test_a_compass_that_began_to_contradict_just_before_the_robot_was_lost_tells_no_end() -> None:
-    for moved in (False, True):  # carried away, the robot has turned against the compass, which may be right
-        side = FieldSide(1.6)
-        heard(side, 0.1, 100)
-        side.update_from_compass(2.2, moved)
-        side.update_from_compass(2.2)
-        assert (side.heading(0.2) is None) is not moved
-        side.search(known=True)
-        assert side.known is moved
-
-
-def test_who_was_told_a_pose_that_the_compass_denies_is_at_one_of_two_ends() -> None:
-    side = FieldSide(1.6)
-    side.start(known=True, start_known=True)
-    assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]
-    side.search(known=True)
-    heard(side, 0.0, 50)
-    assert not side.known
-    assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]  # a compass that was false at first, and no longer is
 
 
 def test_searches_start_anew_after_some_cycles_each_with_wider_headings(monkeypatch: pytest.MonkeyPatch) -> None:
