@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from small_recordings import borrow
 from synthetic import line_field, mirror_camera, paint_ground
 
-from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_regions
+from touchline.calibration.colour import calibrate_marked, calibrate_unmarked, read_regions
 from touchline.camera import OmniCamera
 from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
@@ -24,7 +23,6 @@ from touchline.perception.colour_file import load_colours, save_colours
 from touchline.perception.line_graph import colour_classes as line_graph
 from touchline.perception.line_graph.colour_classes import colour_codes
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
-from touchline.sources import open_source
 from touchline.types import Frame, ImageArray
 
 LINES = [(1.0, 0.0, 1.5), (0.0, 1.0, -1.0), (0.0, 1.0, 2.0)]
@@ -102,17 +100,6 @@ def test_marked_colours_set_the_ellipses_and_black(tmp_path: Path) -> None:
     assert colour_codes(seen, colours).tolist() == [line_graph.YELLOW, line_graph.BLACK, line_graph.YELLOW]
     unmarked = replace(colours, ellipses=FIXED, black=USUAL_BLACK)
     assert colour_codes(seen, unmarked).tolist() == [line_graph.OTHER] * 3
-
-
-def test_marks_in_a_recording_are_used_by_themselves(small_data: Path, tmp_path: Path) -> None:
-    folder = borrow(small_data / "omni_msl_track", tmp_path / "marked", frames=2)
-    unmarked = calibrate_recording(open_source(folder))
-    assert "without marks" in unmarked.learned_from
-    ring = {"file": "images/000000.jpg", "class": "green", "box": [150, 225, 185, 255]}
-    (folder / "regions.yaml").write_text(yaml.safe_dump([ring]))
-    marked = calibrate_recording(open_source(folder))
-    assert "1 marked region" in marked.learned_from
-    assert marked.colours.green == pytest.approx(unmarked.colours.green, abs=8.0)
 
 
 def test_an_image_without_carpet_is_named(camera: OmniCamera) -> None:
@@ -253,14 +240,3 @@ def test_the_command_learns_from_an_image(small_data: Path, tmp_path: Path, caps
     assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95
     assert main(["calibrate", "colour", photo, "--output", str(tmp_path / "b.npz")]) == 2
     assert "--camera FILE" in capsys.readouterr().err
-
-
-def test_the_command_learns_from_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    regions = patches(tmp_path)
-    arguments = ["calibrate", "colour", str(tmp_path / "patches.png"), "--regions", str(regions)]
-    assert main([*arguments, "--output", str(tmp_path / "colours.npz")]) == 0
-    said = capsys.readouterr().out
-    assert "4 marked regions in 1 image" in said
-    assert "learned: orange, magenta; the usual ones" in said
-    assert main([*arguments, "--output", str(tmp_path / "new" / "colours.npz")]) == 0
-    assert {path.name for path in (tmp_path / "new").iterdir()} == {"colours.npz", "colours.png"}

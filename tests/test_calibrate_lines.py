@@ -16,13 +16,11 @@ from touchline.calibration.lines.calibration import (
     LineCalibration,
     calibrate_points,
     check,
-    one_half,
     refined,
     turning_axis,
 )
 from touchline.calibration.lines.equations import SHAPE, Lines, Noise, Seen, residual
 from touchline.calibration.lines.images import merged_looks
-from touchline.calibration.lines.joint import HELD, Expected, fit_in_steps, starting
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.pixels_file import image_size, read_pixels
 from touchline.calibration.lines.search import Candidate
@@ -99,24 +97,6 @@ def test_images_of_two_robots_are_refused(field: FieldModel, apart_px: float) ->
                 check(dim)
 
 
-@pytest.mark.parametrize("by_all", [False, True])
-def test_an_image_alone_has_lines_no_farther_aside_than_all_images(field: FieldModel, by_all: bool) -> None:
-    """A line that went 16 cm aside for one image gave it other ranges, by 3 %, and a good calibration was refused."""
-    pose, beyond = Pose(3.0, -1.5, 0.7), 0.5 * field.length - 0.3
-    pixels = seen_pixels(field, pose, np.random.default_rng(5))
-    lines = Lines(True, field.distance_map(0.05, 3.0).table, field.line_tables)
-    mirror = np.array([*CENTER, np.log(SCALE_M), PER_PX, 0.0, 0.0])
-    upright = MirrorShape(mirror, 1, 5.0, np.zeros(2))
-    ground = pose.transform(upright.ground(pixels))
-    moved = pose.inverse().transform(ground - np.where(ground[:, :1] > beyond, [0.12, 0.0], 0.0))
-    radius, bearing = np.arctan(np.hypot(*moved.T) / SCALE_M) / PER_PX, np.arctan2(moved[:, 1], moved[:, 0])
-    pixels = CENTER + radius[:, np.newaxis] * np.column_stack((np.cos(bearing), np.sin(bearing)))
-    start = starting(mirror, np.array([[pose.x, pose.y, pose.heading]]), lines)
-    expected = Expected(mirror, HELD * np.eye(SHAPE), line_m=0.01, together=start if by_all else None)
-    fit = fit_in_steps([Seen(pixels, 1.0, 5.0)], start, expected, lines)
-    assert (np.abs(fit.aside_m).max() < 0.03) == by_all
-
-
 def test_a_shape_whose_ranges_do_not_grow_is_no_mirror() -> None:
     """What a photograph through a lens makes of it."""
     flat = MirrorShape(np.array([*CENTER, np.log(SCALE_M), 0.0, 0.0, 0.0]), 1, 5.0, np.zeros(2))
@@ -152,11 +132,6 @@ def test_the_axis_of_a_turn_is_found() -> None:
     assert found == pytest.approx(axis, abs=1e-9)
     assert off == pytest.approx(0.0, abs=1e-9)
     assert turning_axis(np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 1.0], [1.0, 4.0, 2.0]]))[1] is None
-
-
-def test_twins_are_turned_to_one_half_of_the_field() -> None:
-    poses = np.array([[2.0, 1.0, 0.5], [-2.01, -1.0, 1.0]])
-    assert one_half(poses) == pytest.approx(np.array([[2.0, 1.0, 0.5], [2.01, 1.0, 1.0 + np.pi]]))
 
 
 def test_derivatives_are_those_of_the_distance(field: FieldModel) -> None:

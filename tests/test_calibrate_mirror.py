@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from small_recordings import edit_line
-from strip_scenes import EDGES_M, HANDEDNESS, YAW_RAD, strip_image, tilted_camera, write_strip_recording
+from strip_scenes import EDGES_M, HANDEDNESS, YAW_RAD, tilted_camera, write_strip_recording
 
 from touchline.camera import OmniCamera, open_camera
 from touchline.camera.model_free import lagrange, periodic_lagrange, range_image, ranges_along, table_radii
@@ -63,16 +63,6 @@ def test_ranges_that_no_longer_grow_are_continued_to_twice_the_last_radius(last_
     table = table_radii(radii, ranges)
     assert 91.0 <= table[-1] <= 180.0
     assert np.isfinite(ranges_along(radii, ranges, table)).all()
-
-
-def test_directions_that_reach_less_far_are_continued_to_the_last_edge_of_the_others() -> None:
-    radii = np.array([[50.0, 60.0, 70.0, 80.0, 90.0], [62.0, 76.0, 90.0, 104.0, 118.0]])
-    table = table_radii(radii, np.array([0.6, 0.8, 1.1, 1.6, 2.4]))
-    ranges = ranges_along(radii, np.array([0.6, 0.8, 1.1, 1.6, 2.4]), table)
-    assert table[0] < 50.0
-    assert table[-1] > 118.0
-    assert np.all(ranges > 0.0)
-    assert np.all(np.diff(ranges, axis=1) > 0.0)
 
 
 # --- rendered strips --------------------------------------------------------------------------------------------------
@@ -129,17 +119,6 @@ def test_the_written_file_is_the_same_camera(calibration: MirrorCalibration, tmp
     )
 
 
-def test_revolutions_that_come_by_again_are_averaged(recording: Path, tmp_path: Path) -> None:
-    folder = copy_of(recording, tmp_path)
-    rows = (folder / "images.csv").read_text().split()
-    again = [f"{k + 100},{','.join(row.split(',')[1:])}" for k, row in enumerate(rows[1:4])]
-    (folder / "images.csv").write_text("\n".join(rows + again) + "\n")
-    twice = calibrate_mirror(open_source(folder))
-    assert len(twice.sightings) == 19
-    ranges, errors = range_errors(twice.camera, tilted_camera(), EDGES_M[0], EDGES_M[-1])
-    assert np.abs(errors / ranges).max() < 0.005
-
-
 # --- the public recording ---------------------------------------------------------------------------------------------
 
 
@@ -194,16 +173,6 @@ def put_image(folder: Path, index: int, image: np.ndarray) -> None:  # type: ign
 def change_sequence(folder: Path, **changes: object) -> None:
     tree = yaml.safe_load((folder / "sequence.yaml").read_text()) | changes
     (folder / "sequence.yaml").write_text(yaml.safe_dump({k: v for k, v in tree.items() if v is not None}))
-
-
-def test_another_strip_in_one_image_is_out_of_order(recording: Path, tmp_path: Path) -> None:
-    folder = copy_of(recording, tmp_path)
-    other = [1.43 if edge == 1.35 else edge for edge in EDGES_M]
-    bearing = float((folder / "images.csv").read_text().split()[4].split(",")[2])
-    put_image(folder, 3, strip_image(tilted_camera(), bearing, other))
-    message = refusal(folder)
-    assert "images/03.png" in message
-    assert "out of order" in message
 
 
 def test_edges_out_of_order_in_the_description_are_named(recording: Path, tmp_path: Path) -> None:

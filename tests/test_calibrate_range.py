@@ -140,11 +140,6 @@ def test_marks_in_two_directions_tell_the_handedness_and_in_three_the_centre(tmp
         assert (fit_range(pairs).center_deviation_px() < 0.5) == sure
 
 
-def test_a_wrong_centre_is_noticed_and_named(tmp_path: Path) -> None:
-    regression = fit_range(written(tmp_path, marks(RADII, center=(203.0, 148.0))), 3)
-    np.testing.assert_allclose(regression.center_offset_px(), [3.0, -2.0], atol=0.3)
-
-
 def test_a_degree_that_does_not_rise_is_refused_and_others_are_named(tmp_path: Path) -> None:
     radii = np.array([50.0, 80.0, 85.0, 90.0, 140.0])
     wild = RangePairs(
@@ -190,20 +185,6 @@ def test_rows_that_are_no_marks_are_named(tmp_path: Path, row: str, said: str) -
     rows = marks(RADII)
     with pytest.raises(InputError, match=said):
         written(tmp_path, [*rows[:2], row, *rows[2:]])
-
-
-def test_marks_of_unknown_place_are_left_out(tmp_path: Path) -> None:
-    rows = marks(RADII)
-    assert len(written(tmp_path, [*rows, "images/0.jpg,fixed,12,13,,"]).radius_px) == len(rows) - 1
-    with pytest.raises(InputError, match="none of its marks has a known place"):
-        written(tmp_path, [rows[0], "images/0.jpg,fixed,12,13,,"])
-
-
-def test_a_camera_without_mirror_or_centre_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="model: pinhole"):
-        written(tmp_path, marks(RADII), model="pinhole")
-    with pytest.raises(InputError, match=r"camera.yaml: needs 'width', 'height' and 'center"):
-        written(tmp_path, marks(RADII), center="middle")
 
 
 def test_the_public_strip_gives_ranges_good_to_a_per_cent(small_data: Path) -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-import threading
 from dataclasses import replace
 from functools import cache
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -29,10 +27,8 @@ from touchline.cli import calibrate_self
 from touchline.cli.commands import app
 from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, Pose, Pose3
-from touchline.live.heard import Heard, Published, Reading, Sight
 from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
-from touchline.sources import Recording, open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Frame, Prior
@@ -114,67 +110,6 @@ def test_the_command_writes_a_camera_and_a_picture(
     assert re.search(r"focal length 49\d\.\d px", result.output.replace("\n", " "))
     assert isinstance(open_camera(target), PinholeCamera)
     assert (tmp_path / "camera.png").exists()
-
-
-class Played:
-    """A link that brings a recording, each image when the one before is answered, and its clock.
-
-    The first answer takes fifty seconds, in which the link is asked again.
-    """
-
-    refused: ClassVar[dict[str, int]] = {}
-
-    def __init__(self, source: Recording) -> None:
-        self._frames, self._source, self.now_s = enumerate(source), source, 0.0
-        self._answered, self._asked_again = threading.Event(), threading.Event()
-        self._answered.set()
-
-    def hear(self, timeout_s: float) -> list[Heard]:
-        if self.now_s > 0.0:
-            self._asked_again.set()
-        if not self._answered.wait(timeout_s):
-            return []
-        self._answered.clear()
-        index, frame = next(self._frames, (-1, None))
-        self.now_s = 50.0 if frame is not None else 100.0
-        if frame is None:
-            return []
-        heard: list[Heard] = []
-        for name, sensor in (("odometry", "odometry"), ("gyro", "gyro"), ("tilt", "attitude")):
-            samples = getattr(frame, name)
-            rows = zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True)
-            heard += [Reading(sensor, stamp_ns, tuple(values)) for stamp_ns, values in rows]
-        return [*heard, Sight(frame.stamp_ns, 0.0, self._source.image_bytes(index))]
-
-    def publish(self, published: Published) -> None:
-        if published.frame is not None:
-            self._asked_again.wait(5.0)
-            self._answered.set()
-
-    def around(self) -> str:
-        return ""
-
-    def close(self) -> None:
-        pass
-
-
-def test_a_running_robot_is_calibrated_too(small_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A recording that comes by a link while the command looks, for twenty seconds from the first answer on."""
-    monkeypatch.setattr(self_perspective, "MAX_DEVIATIONS", 3.0 * self_perspective.MAX_DEVIATIONS)  # of 1.6 s
-    folder, target = small_data / "humanoid_9x6_walk", tmp_path / "camera.yaml"
-    source = open_source(folder)
-    assert source.truth is not None
-    link = Played(source)
-    monkeypatch.setattr(calibrate_self, "open_link", lambda choice, localizer: link)
-    monkeypatch.setattr(calibrate_self, "time", SimpleNamespace(monotonic=lambda: link.now_s))
-    x, y, heading = source.truth.nearest(int(source.image_stamps[0]))
-    command = ["calibrate", "self", "ros", "--field", str(folder / "field.yaml"), "--seconds", "20"]
-    command += ["--camera", str(folder / "camera.yaml"), f"--start={x},{y},{heading}", "-o", str(target)]
-    result = CliRunner().invoke(app, command)
-    assert result.exit_code == 0, result.output
-    assert isinstance(open_camera(target), PinholeCamera)
-    both = ["calibrate", "self", str(folder), "--listen", "5000", "-o", str(tmp_path / "other.yaml")]
-    assert "--listen: is an option of udp" in str(CliRunner().invoke(app, both).exception)
 
 
 def test_a_robot_of_which_nothing_comes_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,6 @@ import pytest
 from synthetic import (
     BLACK,
     CROSS,
-    GREY,
     WHITE,
     YELLOW,
     distances,
@@ -111,32 +110,6 @@ def test_balls_robots_and_wide_white_things_give_no_points(
     corners = np.array([(x, y) for x in box[:2] for y in box[2:]])
     apart = np.hypot(*(stray[:, np.newaxis] - corners).transpose(2, 0, 1)).min(axis=1)
     assert np.all(apart < 0.35)  # a ray may cut a corner of a white thing as short as a line, and no more
-
-
-def test_white_outside_of_the_green_is_left_out_by_the_hull() -> None:
-    """A hall with a white stripe on a grey floor behind the carpet; without the AND it would be a line."""
-
-    def colour_at(points: FloatArray) -> FloatArray:
-        colours = line_field([(1.0, 0.0, 1.8)])(points)
-        colours[points[:, 1] > 2.5] = GREY
-        colours[np.abs(points[:, 1] - 3.2) < 0.06] = WHITE
-        return colours
-
-    image = paint_ground(CAMERA, colour_at)
-    points = detected(image, paper={"min_green": 0})
-    assert np.max(points.positions_m[:, 1]) < 2.6
-    detector = HsvLineDetector(CAMERA)
-    masks = detector.masks(image)
-    assert masks.white[at_left(3.2)] > 0
-    assert masks.field[at_left(3.2)] == masks.lines[at_left(3.2)] == 0
-    assert np.mean(masks.field[masks.green > 0]) > 250
-    assert not np.any(masks.lines[masks.field == 0])
-
-
-def at_left(left_m: float) -> tuple[int, int]:
-    """Row and column of the ground at that distance to the robot's left."""
-    u, v = np.rint(CAMERA.image_from_ground([[0.0, left_m]])[0]).astype(int)
-    return int(v), int(u)
 
 
 def test_a_range_file_takes_the_place_of_the_camera_and_ends_where_it_ends(
@@ -249,13 +222,3 @@ def plain_runs(
         if np.hypot(*(ground[1] - ground[0])) <= 0.75:
             rows.append(np.concatenate((ground.mean(axis=0), ends.mean(axis=0))))
     return rows
-
-
-def test_stages_are_pictures_of_figures_6_and_7(cross_image: ImageArray) -> None:
-    pictures = HsvLineDetector(CAMERA).stages(cross_image)
-    assert list(pictures) == [
-        "HSV threshold", "convex hull", "HSL threshold", "bitwise AND", "distances along rays", "line points",
-    ]  # fmt: skip
-    assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures.values())
-    assert np.any(pictures["bitwise AND"] != pictures["HSL threshold"])
-    assert np.any(pictures["line points"] != pictures["convex hull"])

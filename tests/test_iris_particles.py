@@ -12,6 +12,7 @@ from touchline.field import open_field
 from touchline.field.error_map import error_map
 from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.localization.search.resampling import tempering
 from touchline.motion.odometry import Motion
 from touchline.published.iris_fusion.particles import (
     MAP_M,
@@ -20,7 +21,6 @@ from touchline.published.iris_fusion.particles import (
     IrisParticles,
     IrisParticleSettings,
 )
-from touchline.published.particles.resampling import tempering
 from touchline.published.particles.sensor_models import LineView
 
 FIELD = open_field("indoor-9x6")

@@ -149,13 +149,6 @@ def test_what_is_no_set_of_points_is_refused() -> None:
         matcher.match(np.array([[1.0, np.nan]]), np.ones(1), Pose(0, 0, 0))
 
 
-def test_points_far_outside_the_map_do_no_harm() -> None:
-    points = np.vstack((view(FIELD, Pose(1.0, 1.0, 0.2), np.random.default_rng(4)), [[60.0, -60.0], [-40.0, 0.0]]))
-    weights = np.full(len(points), 1 / len(points))
-    match = Matcher(MAP).match(points, weights, Pose(1.05, 1.0, 0.2))
-    assert match.pose.distance_to(Pose(1.0, 1.0, 0.2)) < 0.05
-
-
 def test_weights_fall_with_the_variance_and_follow_the_confidence() -> None:
     covariances = np.array([np.eye(2) * 0.01**2, np.eye(2) * 0.1**2, np.eye(2) * 0.1**2])
     points = LinePoints(np.ones((3, 2)), covariances, np.array([1.0, 1.0, 0.5]), np.full((3, 2), np.nan))

@@ -111,30 +111,6 @@ def seen_from_here() -> Observation:
     return Observation(0, lines=lines, crossings=crossings, landmarks=posts)
 
 
-@pytest.mark.parametrize("covariances", [True, False])
-def test_the_likelihood_is_greatest_at_the_true_pose(covariances: bool) -> None:
-    field = open_field(FIELDS[1])
-    made = FieldAssociations(field)
-    settings = load_settings(FeatureSettings, None, [f"paper.covariances={str(covariances).lower()}"])
-    view = Features(made, settings).of(seen_from_here())
-    assert view.size == 5
-    model = FeatureModel(made.tables, field_lines(field), polar=not covariances)
-    poses = np.array(HERE) + np.concatenate((np.zeros((1, 3)), np.random.default_rng(0).normal(0.0, 0.3, (300, 3))))
-    found = model.log_likelihoods(view, poses)
-    assert np.argmax(found) == 0
-
-
-def test_positions_in_whole_metres_are_as_unsure_as_others() -> None:
-    field = open_field(FIELDS[1])
-    seen = seen_from_here()
-    rounded = [replace(of, positions_m=of.positions_m.round()) for of in (seen.crossings, seen.landmarks)]
-    whole = [replace(of, positions_m=of.positions_m.astype(np.int64)) for of in rounded]
-    made = Features(FieldAssociations(field))
-    exact, ints = (made.of(Observation(0, crossings=c, landmarks=posts)).points for c, posts in (rounded, whole))
-    np.testing.assert_array_equal(exact.sigmas, ints.sigmas)
-    assert (ints.sigmas > 0.0).all()
-
-
 @pytest.mark.parametrize("seen_by", ["lines=true", "lines=false", "crossings=false", "points"])
 def test_features_propose_the_pose_that_they_are_seen_from(seen_by: str) -> None:
     """By a line and points, by an oriented crossing, by a line and a post, by points that are far apart."""

@@ -161,19 +161,6 @@ def test_settings_that_are_no_numbers_are_refused(setting: str) -> None:
         load_settings(NubotMtiSettings, None, [setting])
 
 
-def test_compass_drift_is_corrected() -> None:
-    path = drive(40, Pose(-4.0, 0.0, 0.0))
-    made = [
-        replace(f, compass=Samples(f.compass.stamp_ns, f.compass.values + 0.01 * k)) if f.compass else f
-        for k, f in enumerate(frames(path, compass_error_rad=0.0))
-    ]
-    system = open_system("nubot-mti", RobotSetup(FIELD))
-    for frame in made:
-        system.step(frame)
-    offset = system.following.compass_correction.offset_rad  # type: ignore[attr-defined]
-    assert offset == pytest.approx(-0.39, abs=0.06)
-
-
 def test_unknown_systems_and_foreign_settings_are_refused() -> None:
     assert DEFAULT_SYSTEM in SYSTEMS
     with pytest.raises(InputError, match="did you mean 'nubot-mti'"):

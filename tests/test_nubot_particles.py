@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from line_scenes import lone_line, view
+from line_scenes import view
 
 from touchline.config import PAPER, load_settings
 from touchline.field import FieldModel, open_field
@@ -126,25 +126,6 @@ def test_every_particle_is_drawn_its_weight_s_number_of_times_rounded_down_or_up
         drawn = counts(weights, float(rng.random()), number)
         assert drawn.sum() == number
         assert np.all(np.abs(drawn - number * weights) < 1.0)
-
-
-def test_resampling_waits_until_the_effective_sample_size_falls() -> None:
-    points = seen_from(Pose(2.0, 1.0, 0.3))
-    patient = monte_carlo(NubotParticleSettings(paper=NubotParticlePaper(resampling_threshold=0.0, refined_clusters=0)))
-    patient.restart(0.3)
-    before = patient.particles.poses.copy()
-    patient.update(points, None)
-    assert np.array_equal(patient.particles.poses, before)
-    assert patient.particles.weights.max() > 10 / 600
-    eager = monte_carlo(
-        NubotParticleSettings(
-            paper=NubotParticlePaper(resampling_threshold=1.0, refined_clusters=0, random_particle_ratio=0.0)
-        )
-    )
-    eager.restart(0.3)
-    eager.update(points, None)
-    assert np.all(eager.particles.weights == 1 / 600)
-    assert len(np.unique(eager.particles.poses, axis=0)) < 600
 
 
 # --- mean -------------------------------------------------------------------------------------------------------------
@@ -290,15 +271,3 @@ def test_particles_converge_on_the_robot_and_say_so() -> None:
     assert mcl.converged
     assert mcl.estimate().pose.distance_to(pose) < 0.15
     assert abs(wrap_angle(mcl.estimate().pose.heading - pose.heading)) < math.radians(3)
-
-
-def test_particles_on_a_lone_line_never_converge() -> None:
-    """Along the line nothing is observed, and the motion's noise spreads them."""
-    field = lone_line()
-    mcl = monte_carlo(field=field)
-    mcl.restart(0.0)
-    for seed in range(10):
-        mcl.predict(STILL)
-        mcl.update(view(field, Pose(1.0, 0.5, 0.0), np.random.default_rng(seed), 60, 4.0), None)
-    assert not mcl.converged
-    assert abs(mcl.estimate().pose.y) == pytest.approx(0.5, abs=0.5)

@@ -102,13 +102,6 @@ def test_likelihoods_that_no_number_can_hold_count_by_their_ratio() -> None:
     assert injection.ratio(estimate) == pytest.approx(1.0 - 0.5 / 0.9)
 
 
-def test_random_particles_take_places_evenly_over_the_set() -> None:
-    made = augmented(0, about(Pose(0.0, 0.0, 0.0)), None)
-    made.start(np.zeros((90, 3)))
-    made.inject(np.ones((30, 3)))
-    assert np.array_equal(np.flatnonzero(made.particles.poses[:, 0]), np.arange(0, 90, 3))
-
-
 # --- numbers and drawing ----------------------------------------------------------------------------------------------
 
 
@@ -118,18 +111,6 @@ def test_certainty_decides_on_250_to_1000_particles() -> None:
     for deviation_m, count in ((0.0, 250), (0.5, 625), (1.0, 1000), (4.0, 1000)):
         covariance = np.diag([deviation_m**2 / 2, deviation_m**2 / 2, 0.1])
         assert number(drawn, ParticleEstimate(Pose(0.0, 0.0, 0.0), covariance)) == pytest.approx(count, abs=1)
-
-
-def test_the_number_falls_while_the_particles_agree() -> None:
-    here, _ = places(1)
-    made = augmented(1, about(here), None)
-    numbers = []
-    for k in range(20):
-        made.predict(STILL)
-        made.update(lines(here, k))
-        numbers.append(len(made.particles))
-    assert numbers[0] > 600
-    assert numbers[-1] < 400
 
 
 def test_the_mean_moves_on_with_the_odometry() -> None:

@@ -55,13 +55,6 @@ def step(fusion: SensorFusion, odometry: Pose, vision: ParticleEstimate | None, 
 # --- equations (15) to (19) -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("beta", [0.0, 0.25, 0.6, 1.0])
-def test_position_is_the_weighted_mean(beta: float) -> None:
-    fused = blended(Pose(1.0, -2.0, 0.2), Pose(3.0, 2.0, 0.4), beta)
-    assert fused.x == pytest.approx(beta * 1.0 + (1 - beta) * 3.0)
-    assert fused.y == pytest.approx(beta * -2.0 + (1 - beta) * 2.0)
-
-
 @pytest.mark.parametrize("middle", [0.0, 1.5, math.pi, -math.pi, 3.0, -3.0])
 def test_headings_on_both_sides_of_the_half_turn_meet_between_them(middle: float) -> None:
     one, other = wrap_angle(middle - 0.1), wrap_angle(middle + 0.1)
@@ -179,68 +172,7 @@ def test_along_a_lone_line_the_particles_err_as_the_odometry_does() -> None:
     assert math.sqrt(fusion.covariance[0, 0]) == pytest.approx(0.025, abs=0.005)  # not the 0.2 of the image alone
 
 
-def test_an_image_of_a_lone_line_contradicts_nothing() -> None:
-    for along_m, mode in ((0.2, Mode.ODOMETRY), (0.05, Mode.OMNIVISION)):
-        fusion = placed()
-        covariance = np.diag([along_m, 0.01, 0.01]) ** 2
-        doubt = ImageDoubt(covariance, np.linalg.inv(covariance), np.zeros((3, 3)))
-        for _ in range(limits.FRAMES):
-            still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
-            told = fusion.update(HERE, still, seen(at(-2.0)), 0.1, image=doubt)
-        assert told is mode
-
-
-def unsure(frames: int = 60) -> SensorFusion:
-    """A fusion that has seen nothing for some time, in which its odometry may have gone wrong by metres."""
-    fusion = placed()
-    for _ in range(frames):
-        step(fusion, HERE, None, Motion(Pose(0.0, 0.0, 0.0), np.diag([0.02, 0.02, 0.02]) ** 2, 0.0))
-    assert math.sqrt(fusion.covariance[0, 0]) > 1.0
-    assert fusion.heading_deviation_rad > 1.0
-    return fusion
-
-
-def test_however_unsure_the_odometry_is_an_image_far_from_it_contradicts_it() -> None:
-    still = Motion(Pose(0.0, 0.0, 0.0), STEP.covariance, 0.0)
-    near_m, near_rad = 0.9 * SETTINGS.lost_m, 0.9 * limits.TURNED_RAD
-    assert step(unsure(), HERE, seen(at(1.0 + near_m)), still) is Mode.BOTH
-    assert step(unsure(), HERE, seen(at(1.0, heading=0.3 + near_rad)), still) is Mode.BOTH
-    for away in (at(1.0 + 1.1 * SETTINGS.lost_m), at(1.0, heading=0.3 + 1.1 * limits.TURNED_RAD), HERE.mirrored()):
-        fusion = unsure()
-        modes = [step(fusion, HERE, seen(away), still) for _ in range(limits.FRAMES)]
-        assert modes == [Mode.ODOMETRY] * (limits.FRAMES - 1) + [Mode.OMNIVISION]
-
-
-def test_without_odometry_an_image_agrees_as_far_as_a_robot_gets_between_two_images() -> None:
-    """1 m/s and 1.5 rad/s may have been driven unseen; three standard deviations of it in 0.1 s are 0.3 m."""
-    for x_m, heading, mode in ((1.6, 0.3, Mode.OMNIVISION), (2.2, 0.3, Mode.ODOMETRY), (1.0, 1.2, Mode.OMNIVISION)):
-        assert step(unsure(), HERE, seen(at(x_m, heading=heading)), blind(0.1)) is mode
-    for seconds in (0.1, 1.0, 10.0):  # but never from one end of the field to the other, nor another line for the one
-        for turned in (2.0, math.pi):
-            assert step(unsure(), HERE, seen(at(1.0, heading=0.3 + turned)), blind(seconds)) is Mode.ODOMETRY
-
-
-def blind(seconds: float) -> Motion:
-    """Nothing known of the motion: the robot may have driven at 1 m/s and turned at 1.5 rad/s."""
-    return Motion(Pose(0.0, 0.0, 0.0), np.diag([seconds, seconds, 1.5 * seconds]) ** 2, seconds)
-
-
 # --- odometry -------------------------------------------------------------------------------------------------------
-
-
-def test_odometry_alone_is_lost_once_its_errors_may_have_summed_up_too_far() -> None:
-    fusion = placed()
-    lost = []
-    for k in range(400):
-        step(fusion, at(1.0 + 0.1 * k), None)
-        lost.append(fusion.lost)
-    assert not any(lost[:50])
-    assert lost[-1]
-    first = lost.index(True)
-    assert all(lost[first:])
-    deviation_m = math.sqrt(fusion.covariance[0, 0] + fusion.covariance[1, 1])
-    # the errors of the steps add up: as standard deviations, not as variances
-    assert deviation_m > 400 * math.sqrt(2e-5) * 0.9
 
 
 def test_the_gyro_s_bias_is_learned_from_the_particles() -> None:
@@ -271,15 +203,6 @@ def test_nothing_is_learned_of_the_gyro_from_a_turn_that_it_did_not_tell() -> No
     assert fusion.bias_rad_s == 0.0
     assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH
     assert fusion.bias_rad_s == pytest.approx(SETTINGS.paper.bias_gain_per_s * 0.02)
-
-
-def test_a_motion_without_its_bias_is_the_one_that_was_driven() -> None:
-    """Half of a constant turn's error is in the direction of the way."""
-    turned = Pose(0.0, 0.0, 0.0)
-    for _ in range(1000):
-        turned = turned.compose(Pose(0.001, 0.0, 0.0)).compose(Pose(0.0, 0.0, 0.0001))
-    straight = without_bias(Motion(turned, np.zeros((3, 3)), 0.0), 0.05, 2.0)
-    assert straight.pose == pytest.approx((1.0, 0.0, 0.0), abs=1e-3)
 
 
 # --- restart --------------------------------------------------------------------------------------------------------

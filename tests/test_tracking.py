@@ -135,14 +135,6 @@ def test_the_odometrys_scale_errors_are_found_out() -> None:
     assert there.scales.tolist() == one.scales.tolist()
 
 
-def test_a_drive_along_one_line_leaves_what_the_scale_may_be_wrong_by() -> None:
-    """Ten metres by odometry alone: 3 % of them, not the root of the sum of squares of a hundred steps."""
-    one = PoseFilter(Pose(0.0, 0.0, 0.0), tight(1e-4, 1e-4), scales=Scales(0.03, 0.03, 0.03))
-    for _ in range(100):
-        one.predict(Pose(0.1, 0.0, 0.0), np.zeros((3, 3)))
-    assert math.sqrt(one.covariance[0, 0]) == pytest.approx(0.3, rel=0.05)
-
-
 def on_a_lone_line(tracker: Tracker, pose: Pose, ahead_m: float | None = None) -> tuple[MatchInput, Match]:
     """What is seen of a touch line from a pose, with ten points of a line across it so far ahead, if any; matched."""
     points = np.column_stack((np.linspace(-2.0, 2.0, 40), np.full(40, -1.4375)))
@@ -203,16 +195,3 @@ def test_the_end_of_a_lone_line_that_fits_twice_tells_nothing_along_it() -> None
     match = tracker.match(seen)
     assert match is not None
     assert match.covariance[0, 0] < 0.1
-
-
-@pytest.mark.parametrize("clutter", [0.0, 0.2])
-@pytest.mark.parametrize("shove", [Pose(0.03, -0.04, 0.03), Pose(-0.09, 0.03, 0.04)])
-def test_a_short_shove_is_followed_though_points_off_the_lines_hide_it(shove: Pose, clutter: float) -> None:
-    """Halfway to the prediction, or there, is as wrong as no match."""
-    tracker, truth = Tracker(Matcher(FIELD.distance_map())), Pose(-3.5, 1.0, 0.4)
-    points = view(FIELD, truth, np.random.default_rng(2), count=200, noise=0.005, clutter=clutter)
-    seen, match = seen_from(tracker, points, truth)
-    tracker.start_at(truth.compose(shove.inverse()), tight(0.008, 0.005))
-    assert tracker.fuse(seen, match) is Fusion.SHOVED
-    assert tracker.filter.pose.distance_to(truth) < 0.01
-    assert tracker.filter.pose.heading == pytest.approx(truth.heading, abs=0.004)

@@ -22,7 +22,6 @@ from touchline.motion import gyro as gyro_module
 from touchline.motion.gyro import NOISE_RAD
 from touchline.motion.wheel_pair import WheelPair
 from touchline.published.iris_fusion.system import IrisFusion
-from touchline.sources.description import wheel_directions_rad
 from touchline.types import Frame, Samples
 
 MS = 1_000_000
@@ -140,39 +139,6 @@ def test_arcs_are_reckoned_exactly_at_any_mounting_angle_and_lever(
     assert_same(odometry.pose, start.compose(drive.pose(2.0)))
 
 
-def test_a_wrong_guess_beyond_the_newest_sample_is_made_good() -> None:
-    """The robot stops just when samples are late: it is carried on for a moment, then put right."""
-    times = np.arange(0, 401, 20.0)
-    along = np.minimum(times, 200.0) / 1000.0
-    wheels = Samples(stamps(times), np.outer(along, np.cos([QUARTER, -QUARTER])))
-    gyro = Samples(stamps(times), np.zeros((len(times), 3)))
-    late = [
-        Frame(0, wheels=part(wheels, -1, 0), gyro=part(gyro, -1, 0)),
-        Frame(250 * MS, wheels=part(wheels, 0, 200 * MS), gyro=part(gyro, 0, 200 * MS)),
-    ]
-    odometry = reckon(MOUNTS[0], late)
-    assert odometry.pose.x == pytest.approx(0.25)
-    motion = take(odometry, Frame(400 * MS, wheels=part(wheels, 200 * MS, 400 * MS), gyro=part(gyro, 200 * MS, 10**9)))
-    assert motion.pose.x == pytest.approx(-0.05)
-    assert odometry.pose.x == pytest.approx(0.2)
-
-
-def test_the_offset_is_what_the_fusion_says_and_the_sums_go_on() -> None:
-    """Equations (4) to (6): pose = sums + offset; a new offset turns what is summed afterwards, too."""
-    drive, mount = Drive(1.0, 0.2, 0.7), MOUNTS[1]
-    times = np.arange(0, 2001, 20.0)
-    given = frames([0.0, 990.0, 1930.0], drive.wheels(times, mount), drive.gyro(times))
-    odometry = reckon(mount, given[:2])
-    sums = list(odometry.sums)
-    told = Pose(-4.0, 2.0, 3.0)
-    odometry.set_pose(told)
-    assert_same(odometry.pose, told)
-    assert odometry.sums == sums
-    take(odometry, given[2])
-    expected = told.compose(drive.pose(0.99).inverse().compose(drive.pose(1.93)))
-    assert_same(odometry.pose, expected, 1e-6)
-
-
 @pytest.mark.parametrize("b_dir", [QUARTER, QUARTER + math.pi, QUARTER - 0.1, QUARTER + math.pi + 0.1])
 def test_parallel_wheels_are_refused_in_words(b_dir: float) -> None:
     with pytest.raises(InputError, match=r"45\.0° \(a\).*parallel.*can't tell forward from sideways"):
@@ -226,21 +192,6 @@ def test_gaps_of_wheels_and_gyro_add_up_and_count_once_where_they_overlap(
     odometry = reckoning(mount)
     motion = [take(odometry, frame) for frame in frames([0.0, 2000.0], wheels, drive.gyro(felt))][-1]
     assert motion.missing_s == pytest.approx(missing_s)
-
-
-@pytest.mark.parametrize("gone", ["wheels", "gyro", "both", "directions"])
-def test_the_odometry_takes_the_place_of_what_is_missing(gone: str) -> None:
-    """A recording without wheels or gyro, or that doesn't say how its wheels are mounted."""
-    drive, mount = Drive(1.0, 0.3, 0.8), MOUNTS[0]
-    times = np.arange(0, 1001, 20.0)
-    wheels = None if gone in ("wheels", "both") else drive.wheels(times, mount)
-    gyro = None if gone in ("gyro", "both") else drive.gyro(times)
-    odometry = reckoning(None if gone == "directions" else mount)
-    odometry.reset(Pose(1.0, 1.0, 1.0))
-    motions = [take(odometry, f) for f in frames([0.0, 400.0, 1000.0], wheels, gyro, drive.odometry(times))]
-    assert_same(odometry.pose, Pose(1.0, 1.0, 1.0).compose(drive.pose(1.0)))
-    assert odometry.fallbacks == 2
-    assert motions[-1].missing_s == 0.0
 
 
 def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:
@@ -308,11 +259,6 @@ def test_the_covariance_is_that_of_many_noisy_runs(
 
 
 # --- from the recording to the system ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("told", [None, "front", {"a_dir_rad": 0.1}, {"a_dir_rad": 0.1, "b_dir_rad": "left"}])
-def test_directions_that_are_none_leave_the_wheels_unused(told: object) -> None:
-    assert wheel_directions_rad({"wheels": told}) is None
 
 
 def with_sensors(folder: Path, directions: str) -> Path:
