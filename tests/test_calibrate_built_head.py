@@ -20,7 +20,7 @@ def waving(directions: int) -> tuple[FloatArray, FloatArray]:
     return angles, 225.0 * np.arctan(EDGES_M / 1.57) + 5.0 * np.cos(angles - 0.4)[:, np.newaxis]
 
 
-def test_an_edge_that_contradicts_the_other_directions_is_replaced_by_what_they_say() -> None:
+def test_an_edge_that_contradicts_other_directions_is_replaced() -> None:
     angles, radii = waving(24)
     spoilt = radii.copy()
     spoilt[7, 14] += 1.5
@@ -83,7 +83,7 @@ def test_an_axis_through_another_centre_is_a_curve() -> None:
     assert np.hypot(u - 200.0, v - 200.0) == pytest.approx(radii)
 
 
-def test_errors_of_turning_by_hand_are_smoothed_and_a_wrong_bearing_is_found() -> None:
+def test_errors_of_turning_by_hand_are_smoothed() -> None:
     seen = np.arange(24) * 2.0 * np.pi / 24
     true = seen + 0.01 * np.cos(seen - 1.0) + 0.003 * np.sin(2.0 * seen)
     noise = np.random.default_rng(3).normal(0.0, np.radians(0.3), 24)

@@ -20,7 +20,6 @@ from touchline.calibration.lines.calibration import (
     turning_axis,
 )
 from touchline.calibration.lines.equations import SHAPE, Lines, Noise, Seen, residual
-from touchline.calibration.lines.images import merged_looks
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.pixels_file import image_size, read_pixels
 from touchline.calibration.lines.search import Candidate
@@ -65,7 +64,7 @@ def range_errors(shape: MirrorShape, first_m: float = 2.0) -> FloatArray:
     return np.asarray(shape.range_m(np.arctan(ranges / SCALE_M) / PER_PX) / ranges - 1.0)
 
 
-def test_a_mirror_is_found_from_nothing_with_15_percent_of_clutter(field: FieldModel) -> None:
+def test_a_mirror_is_found_in_clutter(field: FieldModel) -> None:
     rng, handedness = np.random.default_rng(3), -1
     pixels = seen_pixels(field, Pose(3.0, -1.5, 0.7), rng, handedness)
     strays = CENTER + 190.0 * rng.uniform(-1.0, 1.0, (round(0.15 / 0.85 * len(pixels)), 2))
@@ -102,14 +101,6 @@ def test_a_shape_whose_ranges_do_not_grow_is_no_mirror() -> None:
     flat = MirrorShape(np.array([*CENTER, np.log(SCALE_M), 0.0, 0.0, 0.0]), 1, 5.0, np.zeros(2))
     with pytest.raises(NoFitError, match="--model pinhole or fisheye"):
         flat.camera((640, 480), 30.0, 200.0)
-
-
-def test_few_points_in_each_of_four_images_tell_together_what_none_tells_alone(field: FieldModel) -> None:
-    rng = np.random.default_rng(1)
-    images = [seen_pixels(field, Pose(2.0, 1.0, h), rng)[rng.permutation(200)[:30]] for h in (0.0, 1.5, 3.0, 4.5)]
-    found = calibrated(images, field)
-    check(found)
-    assert np.abs(range_errors(found.shape)).max() < 0.03
 
 
 def test_one_line_is_refused(field: FieldModel) -> None:
@@ -191,21 +182,6 @@ def test_files_of_pixels(tmp_path: Path) -> None:
     for size in ("large", "9" * 5000 + "x480", "640x" + "9" * 400, "99999x480"):
         with pytest.raises(InputError, match="--size: expected WIDTHxHEIGHT"):
             image_size(size, [np.ones((1, 2))])
-
-
-def test_points_left_out_on_a_penalty_mark_do_no_harm_when_images_are_looked_at_again(field: FieldModel) -> None:
-    """Both looks see the mark, the calibration in between leaves it out."""
-    rng, pose = np.random.default_rng(3), Pose(3.0, -1.5, 0.7)
-    lines = seen_pixels(field, pose, rng)
-    places = pose.inverse().transform(np.array([[0.0, 0.03], [0.0, -0.03]]) + field.discs[field.discs[:, 0] > 0, :2])
-    radius, bearing = np.arctan(np.hypot(*places.T) / SCALE_M) / PER_PX, np.arctan2(places[:, 1], places[:, 0])
-    mark = CENTER + radius[:, np.newaxis] * np.column_stack((np.cos(bearing), np.sin(bearing)))
-    seen = [Seen(np.concatenate((lines, mark)), 1.0, 14.0)]
-    start = Candidate(np.array([*CENTER, np.log(SCALE_M), PER_PX, 0.0, 0.0]), np.array([[*pose]]), 0.1)
-    found = refined(start, 1.0, seen, CENTER, 220.0, field)
-    assert len(found.pixels[0]) == len(lines)
-    (merged,) = merged_looks(found, [np.zeros((0, 2))])
-    assert 0.9 * len(lines) < len(merged) <= len(lines)
 
 
 def refusal(*words: object) -> str:

@@ -68,7 +68,7 @@ def test_four_marks_place_the_camera() -> None:
     assert ground[:2] / ground[2] == pytest.approx(camera().ground_from_image([(300.0, 400.0)])[0], abs=1e-4)
 
 
-def test_four_marks_tell_the_focal_length_of_a_lens_without_distortion() -> None:
+def test_four_marks_tell_the_focal_length() -> None:
     straight = camera(np.zeros(5))
     marks = marks_seen_by(straight)
     found = calibrate_camera(marks, lens_of_marks(marks, (752, 480)))

@@ -44,7 +44,7 @@ def test_the_delay_is_found_beside_a_scale_error(delay_s: float) -> None:
     assert found.deviation_s < 0.01
 
 
-def test_a_delay_is_found_in_blocks_of_images_and_the_gaps_between_them_do_not_count() -> None:
+def test_a_delay_is_found_across_gaps() -> None:
     """The robot is carried between the blocks, where odometry sees nothing of it."""
     found = []
     for estimate in estimates(0.1):
@@ -60,7 +60,7 @@ def replaced(pose: Pose, shift_m: float) -> Pose:
     return Pose(pose.x + shift_m, pose.y, pose.heading)
 
 
-def test_images_that_are_dense_where_the_robot_stands_name_no_delay() -> None:
+def test_dense_images_of_standing_name_no_delay() -> None:
     """A false alarm of 168 ms: the few steps from stand to stand tell the delay, the many on the spot none."""
     found = []
     for place in range(8):

@@ -60,7 +60,7 @@ def test_a_longer_field_with_a_smaller_circle_is_found(venue: FieldModel) -> Non
     assert found.field.circles[0, 2] == pytest.approx(1.9375 - 0.05, abs=0.02)
 
 
-def test_a_field_as_the_rules_say_is_left_as_it_is() -> None:
+def test_a_field_by_the_rules_is_left() -> None:
     found = measure_field(seen_points(RULES, 10), RULES)
     assert Verdict.OTHERWISE not in [one.verdict for one in found.sizes]
     assert np.array_equal(found.field.segments, RULES.segments)
@@ -125,9 +125,7 @@ def test_the_command_prints_each_size_and_writes_the_field(
 
 
 @pytest.mark.parametrize("wrong", ["msl-22x14", "hsl-m-14x9"])
-def test_a_field_that_some_observations_fit_is_refused_and_the_right_one_named(
-    wrong: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_right_field_is_named(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some views fit by the lines that both fields share: sizes from these alone would be the wrong field's."""
     monkeypatch.setattr("touchline.calibration.field_sizes.measure.preset_names", lambda: ("spl-9x6", "msl-18x12"))
     with pytest.raises(NoFitError, match=rf"of 12 observations fits? {wrong} .*: --field msl-18x12"):

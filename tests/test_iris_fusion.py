@@ -73,7 +73,7 @@ def test_a_compass_heard_late_tells_the_end() -> None:
     assert off_m(estimates[60], 60) < 0.1
 
 
-def test_a_told_pose_leaves_no_twin_unless_the_compass_denies_it() -> None:
+def test_only_a_compass_denies_a_told_pose() -> None:
     made = system(prior=Prior(true_pose(0)))
     assert all(made.step(frame).hypotheses == () for frame in tour())
     for changes, right in (((), True), (("paper.restart.heading_rad=null",), False)):

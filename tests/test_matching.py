@@ -90,23 +90,6 @@ def test_error_and_gradient_are_those_of_the_plain_twin(
     np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-7)
 
 
-def test_the_gradient_is_the_slope_of_the_error_of_exact_distances() -> None:
-    rng = np.random.default_rng(1)
-    points, weights = view(FIELD, Pose(3.0, 1.0, 0.4), rng), None
-    weights = np.full(len(points), 1 / len(points))
-    pose, c = np.array([3.15, 1.1, 0.45]), 0.25
-
-    def exact(at: FloatArray) -> float:
-        d = FIELD.line_distances(Pose(*at).transform(points))
-        return float(np.mean(1 - c**2 / (c**2 + d**2)))
-
-    _, *gradient = error_and_gradient(points, weights, MAP.table, pose, c)
-    for k, small in enumerate((1e-4, 1e-4, 1e-5)):
-        step = np.eye(3)[k] * small
-        numeric = (exact(pose + step) - exact(pose - step)) / (2 * small)
-        assert gradient[k] == pytest.approx(numeric, rel=0.05, abs=0.02)
-
-
 def test_rprop_takes_the_steps_of_the_textbook() -> None:
     points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
     weights = range_weights(points, WeightSettings())
@@ -116,17 +99,6 @@ def test_rprop_takes_the_steps_of_the_textbook() -> None:
     assert match.iterations is not None
     assert match.iterations.shape == (26, 4)
     np.testing.assert_allclose(match.iterations, expected, atol=1e-6)
-
-
-def test_the_best_pose_seen_is_returned_not_the_last() -> None:
-    points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
-    weights = range_weights(points, WeightSettings())
-    match = Matcher(MAP, MatchingSettings(iterations=4)).match(points, weights, Pose(-4.02, 2.0, 1.0), record=True)
-    assert match.iterations is not None
-    best = match.iterations[np.argmin(match.iterations[:, 3])]
-    np.testing.assert_allclose(match.pose, best[:3])
-    assert match.error == pytest.approx(best[3])
-    assert match.error < match.iterations[-1, 3]
 
 
 @pytest.mark.parametrize("heading", [math.pi - 0.01, -math.pi + 0.01])

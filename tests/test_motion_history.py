@@ -197,7 +197,7 @@ def test_any_past_interval_gives_the_same_answer_again_and_again(seed: int) -> N
         assert (one.at(start), one.at(end)) == (first, last_)
 
 
-def test_arrays_are_the_samples_after_each_change_and_earlier_ones_stay() -> None:
+def test_arrays_are_the_samples_and_earlier_ones_stay() -> None:
     held = SampleHistory(columns=2)
     kept: list[int] = []
     seen: list[tuple[NDArray[np.int64], NDArray[np.float64], list[int]]] = []

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +12,7 @@ from touchline.config import load_settings
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.published.nubot_mti.system import NubotMti, NubotMtiSettings
-from touchline.sources import open_source
+from touchline.published.nubot_mti.system import NubotMtiSettings
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
@@ -96,7 +93,7 @@ def ten_percent_too_far(path: list[Pose]) -> list[Frame]:
     return made
 
 
-def test_a_poor_calibration_is_not_believed_where_another_place_fits_as_well() -> None:
+def test_a_poor_calibration_is_not_believed_beside_a_rival() -> None:
     """From here points 10 % too far lie as well on the lines at the other end: with 0.312 and 0.318 of mean error."""
     estimates = localize(ten_percent_too_far([Pose(-3.0, 2.0, 0.3)] * 8))
     assert all(e.status is Status.SEARCHING for e in estimates)
@@ -131,28 +128,6 @@ def test_a_frame_with_nothing_at_all_is_survived() -> None:
     estimates = localize(made)
     assert distance(estimates[3], path[3]) < 0.3
     assert distance(estimates[5], path[5]) < 0.05
-
-
-def test_a_handful_of_stray_points_is_as_good_as_none() -> None:
-    path = drive(8)
-    made = frames(path)
-    stray = np.array([[1.0, 0.5], [1.1, 0.8], [0.9, -0.4], [2.0, 1.0]])
-    few = LinePoints(stray, np.tile(np.eye(2) * 1e-4, (4, 1, 1)), np.ones(4), np.full((4, 2), np.nan))
-    made[4] = seen(made[4], few)
-    estimates = localize(made)
-    assert math.isnan(estimates[4].residual_m)
-    assert distance(estimates[4], path[4]) < 0.05
-
-
-def test_reset_forgets_the_colours_too(small_data: Path) -> None:
-    source = open_source(small_data / "omni_msl_track")
-    system = open_system("nubot-mti", RobotSetup(source.field, source.camera))
-    assert isinstance(system, NubotMti)
-    assert system.detector is not None
-    system.step(next(iter(source)))
-    assert system.detector.detector.colours is not None
-    system.reset()
-    assert system.detector.detector.colours is None
 
 
 @pytest.mark.parametrize("setting", ["matching.c_m=.inf", "mirror_tilt.height_m=.nan", "global_search.spacing_m=.nan"])

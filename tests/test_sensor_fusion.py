@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from touchline.geometry import Pose, wrap_angle
+from touchline.geometry import Pose
 from touchline.motion.dead_reckoning import without_bias
 from touchline.motion.odometry import Motion
 from touchline.published.iris_fusion import field_side, restart
 from touchline.published.iris_fusion import modes as limits
 from touchline.published.iris_fusion.field_side import FieldSide
 from touchline.published.iris_fusion.modes import (
-    ImageDoubt,
     SensorFusion,
     SensorFusionPaper,
     SensorFusionSettings,
@@ -55,13 +54,6 @@ def step(fusion: SensorFusion, odometry: Pose, vision: ParticleEstimate | None, 
 # --- equations (15) to (19) -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("middle", [0.0, 1.5, math.pi, -math.pi, 3.0, -3.0])
-def test_headings_on_both_sides_of_the_half_turn_meet_between_them(middle: float) -> None:
-    one, other = wrap_angle(middle - 0.1), wrap_angle(middle + 0.1)
-    assert wrap_angle(blended(Pose(0, 0, one), Pose(0, 0, other), 0.5).heading - middle) == pytest.approx(0.0, abs=1e-9)
-    assert blended(Pose(0, 0, one), Pose(0, 0, other), 1.0).heading == pytest.approx(one)
-
-
 def test_the_pose_of_each_mode_is_the_paper_s() -> None:
     fusion = placed(SensorFusionSettings(beta=0.3, paper=SensorFusionPaper(bias_gain_per_s=0)))
     odometry, particles = at(1.1), at(1.16)
@@ -99,7 +91,7 @@ def test_after_a_gap_the_odometry_has_a_smaller_share() -> None:
         {"spread_m": limits.MAX_SPREAD_M + 0.01},
     ],
 )
-def test_an_image_that_shows_too_little_leaves_odometry_alone_and_one_good_image_brings_both_back(
+def test_an_image_that_shows_too_little_leaves_odometry_alone(
     bad: dict[str, float],
 ) -> None:
     fusion = placed()
@@ -127,9 +119,7 @@ def test_limits_have_hysteresis(middling: dict[str, float]) -> None:
 # --- omnivision -----------------------------------------------------------------------------------------------------
 
 
-def test_images_that_contradict_the_odometry_in_one_way_are_believed_after_three_and_odometry_again_after_three() -> (
-    None
-):
+def test_images_that_contradict_in_one_way_are_believed() -> None:
     fusion = placed()
     modes = [step(fusion, at(1.0 + 0.1 * k), seen(Pose(1.5 + 0.1 * k, 0.5, 0.3))) for k in range(1, 3)]
     assert modes == [Mode.ODOMETRY] * 2
@@ -141,7 +131,7 @@ def test_images_that_contradict_the_odometry_in_one_way_are_believed_after_three
     assert modes == [Mode.OMNIVISION, Mode.OMNIVISION, Mode.BOTH]
 
 
-def test_images_that_contradict_it_each_in_another_way_are_never_believed() -> None:
+def test_images_that_contradict_each_otherwise_are_never_believed() -> None:
     fusion = placed()
     for k in range(12):
         away = Pose(1.0 + 0.8 * (-1) ** k, 0.5 + 0.5 * (k % 3), 0.3)
@@ -149,7 +139,7 @@ def test_images_that_contradict_it_each_in_another_way_are_never_believed() -> N
     assert fusion.pose == HERE
 
 
-def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
+def test_only_images_that_fit_well_find_a_robot() -> None:
     still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
     poor = SETTINGS.found_ratio - 0.02
     fusion = SensorFusion()
@@ -158,18 +148,6 @@ def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     fusion.search_anew(1, displaced=False)  # one has ended without finding it: a poor calibration, perhaps
     assert [step(fusion, HERE, seen(at(-2.0), inlier_ratio=poor), still) for _ in range(3)][-1] is Mode.OMNIVISION
     assert fusion.has_pose
-
-
-def test_along_a_lone_line_the_particles_err_as_the_odometry_does() -> None:
-    odometry, spread = np.diag([0.02, 0.03, 0.01]) ** 2, np.diag([0.1, 0.1, 0.05]) ** 2
-    lines = np.diag([0.0, 0.005**-2, 0.002**-2])  # x is open
-    doubt = ImageDoubt(np.diag([0.2, 0.01, 0.01]) ** 2, lines, np.diag([0.004, 0.004, 0.0]) ** 2)
-    deviations = np.sqrt(np.diag(doubt.after(odometry, spread)))
-    assert deviations == pytest.approx([math.hypot(0.02, 0.004), math.hypot(0.005, 0.004), 0.002], rel=0.02)
-    fusion = placed()
-    for _ in range(20):
-        fusion.update(HERE, Motion(Pose(0, 0, 0), STEP.covariance, 0.0), seen(HERE), 0.1, image=doubt)
-    assert math.sqrt(fusion.covariance[0, 0]) == pytest.approx(0.025, abs=0.005)  # not the 0.2 of the image alone
 
 
 # --- odometry -------------------------------------------------------------------------------------------------------
@@ -193,24 +171,10 @@ def test_the_gyro_s_bias_is_learned_from_the_particles() -> None:
     assert paper.bias_rad_s == 0.0
 
 
-def test_nothing_is_learned_of_the_gyro_from_a_turn_that_it_did_not_tell() -> None:
-    still, turned = Motion(Pose(0.0, 0.0, 0.0), STEP.covariance, 0.0), at(1.0, heading=0.32)
-    fusion = placed()
-    assert fusion.update(turned, still, seen(HERE), 0.1, by_gyro=False) is Mode.BOTH
-    assert fusion.bias_rad_s == 0.0
-    fusion.update(turned, still, None, 0.1, by_gyro=False)
-    assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH  # the frame before is in this difference, too
-    assert fusion.bias_rad_s == 0.0
-    assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH
-    assert fusion.bias_rad_s == pytest.approx(SETTINGS.paper.bias_gain_per_s * 0.02)
-
-
 # --- restart --------------------------------------------------------------------------------------------------------
 
 
-def test_particles_start_anew_after_several_images_that_contradict_them_or_after_one_if_nothing_was_seen_before() -> (
-    None
-):
+def test_particles_start_anew_after_images_that_contradict_them() -> None:
     rule = RestartRule()
     poor = restart.MIN_RATIO - 0.1
     assert [rule.is_refuted(poor) for _ in range(restart.FRAMES)] == [False] * (restart.FRAMES - 1) + [True]
@@ -234,7 +198,7 @@ def test_particles_start_anew_after_several_images_that_contradict_them_or_after
     assert lost == [False] * (restart.FRAMES - 1) + [True]
 
 
-def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
+def test_the_compass_leads_from_the_wrong_end() -> None:
     side, frames = FieldSide(1.6), field_side.HEADING_FRAMES
     answers = []
     for _ in range(frames):
@@ -263,7 +227,7 @@ def heard(side: FieldSide, off_compass_rad: float, frames: int) -> list[bool]:
     return answers
 
 
-def test_a_compass_that_turns_round_while_the_robot_is_followed_is_doubted_and_not_believed() -> None:
+def test_a_compass_that_turns_round_is_doubted() -> None:
     side = FieldSide(1.6)
     assert not any(heard(side, 0.1, 100))
     assert not any(heard(side, math.pi, 100))  # ten seconds

@@ -60,7 +60,7 @@ def test_the_prediction_moves_the_pose_and_carries_its_covariance_along(
     np.testing.assert_allclose(one.covariance, np.cov(ends.T), atol=3e-5)
 
 
-def test_of_two_equal_opinions_the_middle_is_taken_and_doubt_halves() -> None:
+def test_two_equal_opinions_meet_in_the_middle() -> None:
     one = PoseFilter(Pose(1.0, 2.0, 0.1), tight())
     assert one.update(Pose(1.02, 2.0, 0.12), tight())
     assert one.pose == pytest.approx((1.01, 2.0, 0.11))
@@ -80,7 +80,7 @@ def test_what_the_lines_do_not_observe_stays_with_the_odometry() -> None:
     assert one.pose.y == pytest.approx(2.024, abs=0.001)
 
 
-def test_a_trusted_match_that_contradicts_the_prediction_is_followed_at_once() -> None:
+def test_a_trusted_match_is_followed_at_once() -> None:
     one = PoseFilter(Pose(1.0, 2.0, 0.0), tight(0.01, 0.005))
     assert one.update(Pose(1.25, 1.9, 0.17), tight(0.01, 0.005))
     assert one.pose.distance_to(Pose(1.25, 1.9, 0.17)) < 0.01
@@ -93,12 +93,6 @@ def test_an_untrusted_match_that_contradicts_the_prediction_changes_nothing() ->
     assert not one.update(Pose(1.25, 1.9, 0.17), tight(0.01, 0.005), trusted=False)
     assert one.pose == Pose(1.0, 2.0, 0.0)
     np.testing.assert_array_equal(one.covariance, before)
-
-
-def test_an_untrusted_match_within_the_gate_is_fused() -> None:
-    one = PoseFilter(Pose(1.0, 2.0, 0.0), tight())
-    assert one.update(Pose(1.02, 2.0, 0.0), tight(), trusted=False)
-    assert one.pose.x == pytest.approx(1.01)
 
 
 def followed(field: FieldModel, shoves: dict[int, Pose], frames: int, reach_m: float) -> np.ndarray:
@@ -153,7 +147,7 @@ def seen_from(tracker: Tracker, points: np.ndarray, pose: Pose) -> tuple[MatchIn
     return view, tracker.matcher.match(seen.positions_m, weights, pose)
 
 
-def test_one_frames_points_across_a_lone_line_are_no_shove_along_it() -> None:
+def test_one_frames_points_across_a_line_are_no_shove() -> None:
     tracker = Tracker(Matcher(FIELD.distance_map()))
     tracker.start_at(Pose(-3.5, -4.5, 0.0), tight())
     view, match = on_a_lone_line(tracker, Pose(-3.0, -4.5, 0.0), ahead_m=3.0)  # the centre line, half a metre nearer
@@ -164,7 +158,7 @@ def test_one_frames_points_across_a_lone_line_are_no_shove_along_it() -> None:
     assert tracker.filter.pose.x == pytest.approx(-3.0, abs=0.05)
 
 
-def test_after_a_contradiction_a_lone_line_leaves_what_a_shove_may_have_moved_along_it() -> None:
+def test_a_lone_line_leaves_what_a_shove_may_have_moved() -> None:
     for frames, along_m in ((1, 0.02), (3, 0.3)):
         tracker = Tracker(Matcher(FIELD.distance_map()))
         tracker.start_at(Pose(-3.5, -4.5, 0.0), tight())
@@ -174,24 +168,3 @@ def test_after_a_contradiction_a_lone_line_leaves_what_a_shove_may_have_moved_al
         deviations = np.sqrt(np.diag(tracker.filter.covariance))
         assert deviations[0] == pytest.approx(along_m, abs=0.01)
         assert deviations[1] < 0.05
-
-
-def test_the_end_of_a_lone_line_that_fits_twice_tells_nothing_along_it() -> None:
-    """A touch line ends at the goal line; its last points lie as well on the corner's arc, 0.6 m farther."""
-    rng, truth = np.random.default_rng(7), Pose(8.0, 2.6, math.pi)
-    line = np.column_stack((np.linspace(4.6, 8.9, 22), np.full(22, 6.0)))
-    end = np.column_stack((np.full(8, 8.94), np.linspace(5.8, 5.95, 8)))
-    placed = np.concatenate((line, end)) + rng.normal(0.0, 0.02, (30, 2))
-    lone_end = truth.inverse().transform(placed)
-    everything = view(FIELD, truth, rng, count=200, noise=0.005)
-    for points, deviation_m, left_m in ((lone_end, 0.3, 0.3), (everything, 0.3, 0.003), (lone_end, 0.05, 0.02)):
-        tracker = Tracker(Matcher(FIELD.distance_map()))
-        tracker.start_at(truth._replace(x=truth.x - 0.4), np.diag([deviation_m, 0.02, 0.01]) ** 2)
-        seen, _ = seen_from(tracker, points, truth)
-        assert tracker.fuse(seen, tracker.match(seen)) is not Fusion.CONTRADICTS
-        assert math.sqrt(tracker.filter.covariance[0, 0]) == pytest.approx(left_m, rel=0.5)
-    tracker.start_at(truth._replace(x=truth.x - 0.4), np.diag([0.3, 0.3, 0.01]) ** 2)  # no odometry: not along a line
-    seen, _ = seen_from(tracker, lone_end, truth)
-    match = tracker.match(seen)
-    assert match is not None
-    assert match.covariance[0, 0] < 0.1
