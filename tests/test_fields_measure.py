@@ -66,6 +66,7 @@ def test_a_field_by_the_rules_is_left() -> None:
     assert np.array_equal(found.field.segments, RULES.segments)
 
 
+@pytest.mark.slow
 def test_a_larger_field_is_not_told_from_longer_ranges() -> None:
     found = measure_field(seen_points(RULES, 12, scale=1.012), RULES)
     assert Verdict.OTHERWISE not in [one.verdict for one in found.sizes]
@@ -109,6 +110,7 @@ def test_distances_change_with_the_sizes_as_their_derivatives_say() -> None:
     np.testing.assert_allclose((before - after)[told], 1e-3 * (moves @ change)[told], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_command_prints_each_size_and_writes_the_field(
     small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,7 +126,7 @@ def test_the_command_prints_each_size_and_writes_the_field(
     assert "exists already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("wrong", ["msl-22x14", "hsl-m-14x9"])
+@pytest.mark.parametrize("wrong", ["hsl-m-14x9"])
 def test_the_right_field_is_named(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some views fit by the lines that both fields share: sizes from these alone would be the wrong field's."""
     monkeypatch.setattr("touchline.calibration.field_sizes.measure.preset_names", lambda: ("spl-9x6", "msl-18x12"))

@@ -14,12 +14,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from touchline import open_source
 from touchline.camera import FisheyeCamera, PinholeCamera, leaning, open_camera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.localization.camera_errors.fisheye_focal import by_angle_scale, scaled_angle
-from touchline.sources import Recording
 from touchline.sources.bags.camera_file import camera_mapping
 
 CAMERA = FisheyeCamera(
@@ -149,13 +147,3 @@ def test_a_corrected_camera_sees_what_was_seen_where_it_is() -> None:
     assert fisheye.base_from_camera.translation_m == pytest.approx(PLAIN.base_from_camera.translation_m * (1, 1, 1.03))
     bent = CAMERA.corrected(errors, np.linspace(0.1, 1.2, 30))
     assert bent.fx == pytest.approx(285.0 / 1.02, rel=5e-3)
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """Four seconds of a kid-size robot's walk."""
-    folder = tmp_path_factory.mktemp("fisheye") / "walk"
-    write_recording(Simulation(open_scenario("humanoid-fisheye", seconds=4.0)), folder)
-    recording = open_source(folder)
-    assert isinstance(recording, Recording)
-    return recording

@@ -66,8 +66,8 @@ def frames(
     return made
 
 
-def drive(length: int = 20, start: Pose = Pose(-3.0, 2.0, 0.3)) -> list[Pose]:
-    path = [start]
+def drive(length: int = 20) -> list[Pose]:
+    path = [Pose(-3.0, 2.0, 0.3)]
     for _ in range(length - 1):
         path.append(path[-1].compose(Pose(0.08, 0.02, 0.03)))
     return path

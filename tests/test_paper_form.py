@@ -28,7 +28,7 @@ def keys(tree: dict[str, object], prefix: str = "") -> set[str]:
 
 
 def test_our_own_system_has_no_papers_form() -> None:
-    with pytest.raises(InputError, match=r"^touchline has no preset 'paper'; nubot-mti, "):
+    with pytest.raises(InputError, match=r"^touchline has no preset 'paper'; iris-fusion, "):
         prepare(SHORT, "touchline", preset=PAPER)
 
 
