@@ -72,12 +72,14 @@ def calibration(recording: Path) -> MirrorCalibration:
     return calibrate_mirror(open_source(recording))
 
 
+@pytest.mark.slow
 def test_ranges_of_a_tilted_mirror_are_found_at_every_bearing(calibration: MirrorCalibration) -> None:
     ranges, errors = range_errors(calibration.camera, tilted_camera(), EDGES_M[0], EDGES_M[-1])
     assert np.abs(errors / ranges).max() < 0.005
     assert np.abs(errors[ranges < 1.5]).max() < 0.008
 
 
+@pytest.mark.slow
 def test_centre_handedness_and_mounting_come_from_the_images(calibration: MirrorCalibration) -> None:
     camera = calibration.camera
     assert camera.center == pytest.approx(tilted_camera().center, abs=0.3)
@@ -86,6 +88,7 @@ def test_centre_handedness_and_mounting_come_from_the_images(calibration: Mirror
     assert 32.0 <= camera.inner_radius_px <= 38.0
 
 
+@pytest.mark.slow
 def test_the_distance_map_knows_every_pixel_of_the_table(calibration: MirrorCalibration) -> None:
     camera = calibration.camera
     distance = range_image(camera)
@@ -96,6 +99,7 @@ def test_the_distance_map_knows_every_pixel_of_the_table(calibration: MirrorCali
     assert np.array_equal(np.isfinite(distance), seen)
 
 
+@pytest.mark.slow
 def test_the_written_file_is_the_same_camera(calibration: MirrorCalibration, tmp_path: Path) -> None:
     file = tmp_path / "camera.yaml"
     file.write_text(camera_yaml(calibration.camera, "two\nlines"), encoding="utf-8")
@@ -161,6 +165,7 @@ def change_sequence(folder: Path, **changes: object) -> None:
     (folder / "sequence.yaml").write_text(yaml.safe_dump({k: v for k, v in tree.items() if v is not None}))
 
 
+@pytest.mark.slow
 def test_what_a_strip_recording_lacks_is_told(recording: Path, tmp_path: Path, snapshot: SnapshotAssertion) -> None:
     """And in which file."""
     folder, told = copy_of(recording, tmp_path), []
@@ -194,6 +199,7 @@ def test_what_a_strip_recording_lacks_is_told(recording: Path, tmp_path: Path, s
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_writes_camera_and_picture(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -207,6 +213,7 @@ def test_the_command_writes_camera_and_picture(
     assert "exists already" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_image_without_the_strip_is_left_out(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
