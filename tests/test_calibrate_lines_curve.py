@@ -80,6 +80,7 @@ def ratios(found: LineCalibration, ranges_m: FloatArray, low: float = 2.0, high:
     return np.asarray(found.shape.range_m(radii) / np.linspace(low, high, 25) - 1.0)
 
 
+@pytest.mark.slow
 def test_a_mirror_of_two_parts_is_followed_over_its_kink(field: FieldModel) -> None:
     table = kinked_m(0.1 * np.arange(2150))
     found = calibrated(field, field, TURN, table, np.random.default_rng(0), reach_m=5.9)
@@ -88,6 +89,7 @@ def test_a_mirror_of_two_parts_is_followed_over_its_kink(field: FieldModel) -> N
     assert np.sqrt(np.mean(errors**2)) < 0.006
 
 
+@pytest.mark.slow
 def test_a_file_of_outer_edges_shifts_no_mirror(field: FieldModel) -> None:
     # ranges were 1 % off, and said to be right to 0.2
     found = calibrated(along_edges(field), field, TURN, tangent_table(), np.random.default_rng(6))

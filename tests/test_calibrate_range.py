@@ -164,6 +164,7 @@ def test_what_marks_cannot_be_is_told(tmp_path: Path, snapshot: SnapshotAssertio
     assert [words.replace(str(tmp_path), "") for words in told] == snapshot
 
 
+@pytest.mark.slow
 def test_the_public_strip_gives_ranges_good_to_a_per_cent(small_data: Path) -> None:
     regression = fit_range(recording_pairs(open_source(small_data / "omni_calibration")))
     truth = open_camera(small_data / "omni_msl_track" / "camera.yaml")

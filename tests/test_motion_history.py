@@ -21,7 +21,7 @@ SECOND = 1_000_000_000
 COLUMNS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "tilt": 2}
 DIRECTIONS = (0.3, 1.9)
 seeds = given(seed=st.integers(0, 10**6))
-often = settings(deadline=None, max_examples=40)
+often = settings(deadline=None, max_examples=15)
 
 
 def history() -> MotionHistory:
