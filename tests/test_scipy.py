@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "touchline"
-USERS = ("calibration", "sources/bags", "evaluation", "experiments")
+USERS = ("calibration", "sources/bags", "evaluation", "published/nimbro_lines/imu.py")
 LAZY = ("sources/bags/transforms.py",)  # itself imported with bags and ROS 2's topics alone
 
 
