@@ -72,7 +72,7 @@ def test_step_covariance_and_influences_are_those_of_dense_algebra() -> None:
     assert damped.step() == pytest.approx(np.linalg.solve(matrix + np.diag(0.5 * np.diag(matrix)), gradient))
 
 
-def test_what_images_alone_say_of_what_they_share_is_schurs_complement() -> None:
+def test_what_images_share_is_schurs_complement() -> None:
     blocks = equations(np.concatenate(([1.0, 0.0], np.zeros(4))), images()).blocks
     matrix, gradient = dense(blocks, 6)
     solved = np.linalg.solve(matrix[2:, 2:], np.column_stack((matrix[2:, :2], gradient[2:])))

@@ -1,117 +1,14 @@
-"""Mirror calibration of heads as they are built: leaning and displaced mirrors, seen by the simulator's exact rays."""
+"""The steps of a mirror calibration: edges healed, ends found, axes fitted, bearings smoothed."""
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
-import cv2
 import numpy as np
 import pytest
-import yaml
 
-from touchline.camera import open_camera
-from touchline.camera.writing import camera_yaml
 from touchline.geometry import FloatArray
 from touchline.published.strip.axis import fit_axis
 from touchline.published.strip.directions import groups_of_directions, healed, smooth_bearings, white_excess
 from touchline.published.strip.edges import SPREAD_PX, end_edge
-from touchline.published.strip.mirror import MirrorCalibration, calibrate_mirror
-from touchline.sources import open_source
-from touchline_lab.simulation.recording import write_recording
-from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import open_scenario
-
-TILT_DEG, SHIFT_MM = (0.7, -0.5), (1.2, -0.8)
-
-
-def built_head(points: int, exposure_ms: float = 12.0) -> Simulation:
-    """The scenario `calibration-strip` with a mirror that leans by 0.86° and sits 1.4 mm aside."""
-    scenario = open_scenario("calibration-strip", seconds=1.4 * points + 1.0)
-    mirror = scenario.camera.mirror.model_copy(update={"tilt_deg": TILT_DEG, "shift_mm": SHIFT_MM})
-    camera = scenario.camera.model_copy(update={"mirror": mirror, "exposure_ms": exposure_ms})
-    motion = scenario.motion.model_copy(update={"points": points})
-    return Simulation(scenario.model_copy(update={"camera": camera, "motion": motion}))
-
-
-@pytest.fixture(scope="module")
-def head() -> Simulation:
-    return built_head(24)
-
-
-@pytest.fixture(scope="module")
-def recording(head: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its camera.yaml knows a centre that is 9 px off, and the size."""
-    folder = tmp_path_factory.mktemp("built") / "head"
-    write_recording(head, folder)
-    rough = {"model": "omni", "width": 480, "height": 480, "center": [246.0, 233.0]}
-    (folder / "camera.yaml").write_text(yaml.safe_dump(rough))
-    return folder
-
-
-@pytest.fixture(scope="module")
-def calibration(recording: Path) -> MirrorCalibration:
-    return calibrate_mirror(open_source(recording))
-
-
-def errors(calibration: MirrorCalibration, head: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """True ranges, errors of range (m) and bearing (rad), (N,): every 2° between first and last edge."""
-    bearing, true = np.meshgrid(np.radians(np.arange(0.0, 360.0, 2.0)), np.linspace(0.6, 6.5, 100))
-    points = np.column_stack(((true * np.cos(bearing)).ravel(), (true * np.sin(bearing)).ravel()))
-    read = calibration.camera.ground_from_image(head.camera_model.project(points))
-    turned = np.angle((read[:, 0] + 1j * read[:, 1]) / (points[:, 0] + 1j * points[:, 1]))
-    return true.ravel(), np.hypot(*read.T) - true.ravel(), turned
-
-
-def test_ranges_are_right_at_every_bearing(calibration: MirrorCalibration, head: Simulation) -> None:
-    true, error, _ = errors(calibration, head)
-    assert np.all(np.abs(error) <= np.where(true < 1.5, 0.015, 0.01 * true))
-
-
-def test_so_are_bearings(calibration: MirrorCalibration, head: Simulation) -> None:
-    _, _, turned = errors(calibration, head)
-    assert np.abs(turned).max() < np.radians(0.3)
-    assert np.sqrt(np.mean(turned**2)) < np.radians(0.05)
-    offsets = calibration.camera.bearing_offset_rad
-    assert offsets is not None
-    assert np.abs(offsets).max() > np.radians(1.0)  # what one formula for all radii would leave
-
-
-def test_the_file_brings_both_tables(calibration: MirrorCalibration, tmp_path: Path) -> None:
-    file = tmp_path / "camera.yaml"
-    file.write_text(camera_yaml(calibration.camera, "a remark"), encoding="utf-8")
-    written = open_camera(file)
-    assert written.bearing_offset_rad == pytest.approx(calibration.camera.bearing_offset_rad, abs=1e-6)
-    pixels = np.array([[300.0, 200.0], [120.0, 250.0], [240.0, 60.0]])
-    assert written.ground_from_image(pixels) == pytest.approx(calibration.camera.ground_from_image(pixels), abs=1e-3)
-
-
-def test_a_hidden_end_of_the_strip_comes_from_the_other_directions(
-    recording: Path, head: Simulation, tmp_path: Path
-) -> None:
-    folder = tmp_path / "hidden"
-    shutil.copytree(recording, folder)
-    row = (recording / "images.csv").read_text().split()[8].split(",")
-    bearing = float(row[-1])
-    first = head.camera_model.project(np.array([[0.6 * np.cos(bearing), 0.6 * np.sin(bearing)]]))[0]
-    image = cv2.imread(str(recording / row[1]))
-    cv2.circle(image, (round(first[0]), round(first[1])), 5, (10, 10, 10), -1)  # a black cable over the first edge
-    (folder / row[1]).unlink()
-    cv2.imwrite(str(folder / row[1]), image)
-    calibration = calibrate_mirror(open_source(folder))
-    assert calibration.filled > 0
-    true, error, _ = errors(calibration, head)
-    assert np.all(np.abs(error) <= np.where(true < 1.5, 0.015, 0.01 * true))
-
-
-def test_overexposed_white_moves_no_edge(tmp_path: Path) -> None:
-    head = built_head(24, exposure_ms=18.0)
-    write_recording(head, tmp_path / "bright")
-    true, error, _ = errors(calibrate_mirror(open_source(tmp_path / "bright"), skip_unusable=True), head)
-    assert np.all(np.abs(error) <= np.where(true < 1.5, 0.015, 0.01 * true))
-
-
-# --- the pieces -------------------------------------------------------------------------------------------------------
 
 EDGES_M = np.array([0.6, 0.73, 0.86, 1.01, 1.17, 1.35, 1.55, 1.79, 2.06, 2.38, 2.78, 3.3, 3.98, 4.97, 6.5])
 SIGNS = -((-1) ** np.arange(15))
@@ -123,7 +20,7 @@ def waving(directions: int) -> tuple[FloatArray, FloatArray]:
     return angles, 225.0 * np.arctan(EDGES_M / 1.57) + 5.0 * np.cos(angles - 0.4)[:, np.newaxis]
 
 
-def test_an_edge_that_contradicts_the_other_directions_is_replaced_by_what_they_say() -> None:
+def test_an_edge_that_contradicts_other_directions_is_replaced() -> None:
     angles, radii = waving(24)
     spoilt = radii.copy()
     spoilt[7, 14] += 1.5
@@ -186,7 +83,7 @@ def test_an_axis_through_another_centre_is_a_curve() -> None:
     assert np.hypot(u - 200.0, v - 200.0) == pytest.approx(radii)
 
 
-def test_errors_of_turning_by_hand_are_smoothed_and_a_wrong_bearing_is_found() -> None:
+def test_errors_of_turning_by_hand_are_smoothed() -> None:
     seen = np.arange(24) * 2.0 * np.pi / 24
     true = seen + 0.01 * np.cos(seen - 1.0) + 0.003 * np.sin(2.0 * seen)
     noise = np.random.default_rng(3).normal(0.0, np.radians(0.3), 24)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from syrupy.assertion import SnapshotAssertion
 
 from touchline.camera import open_camera
 from touchline.cli import main
@@ -81,7 +82,7 @@ def test_the_camera_ends_at_the_first_and_the_last_pair(tmp_path: Path) -> None:
     assert (camera.inner_radius_px, camera.outer_radius_px) == pytest.approx((40.0, 140.0), abs=1e-3)
 
 
-def test_the_camera_continues_to_half_the_first_and_twice_the_last_range(tmp_path: Path) -> None:
+def test_the_camera_continues_beyond_its_pairs(tmp_path: Path) -> None:
     regression = fit_range(written(tmp_path, marks(RADII), inner_radius_px=1.0), 3)
     camera, plain = regression.camera(continued=True), regression.camera()
     assert np.all(np.diff(camera.range_m[0]) > 0)
@@ -129,23 +130,7 @@ def test_marks_in_one_direction_can_t_tell_handedness_or_centre(
     assert invoke(*command, "--handedness", "2") == 2
 
 
-@pytest.mark.parametrize("handedness", [-1, 1])
-def test_marks_in_two_directions_tell_the_handedness_and_in_three_the_centre(tmp_path: Path, handedness: int) -> None:
-    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(ROUGH))
-    for bearings, sure in (((0.3, 1.0), False), ((0.3, 2.3, 4.4), True)):
-        (tmp_path / "marks.csv").write_text("\n".join(along(bearings, handedness)) + "\n")
-        pairs = marked_pairs(tmp_path / "marks.csv", tmp_path / "camera.yaml")
-        assert pairs.optics.handedness == handedness
-        assert pairs.optics.mount_yaw_rad == pytest.approx(YAW, abs=1e-3)
-        assert (fit_range(pairs).center_deviation_px() < 0.5) == sure
-
-
-def test_a_wrong_centre_is_noticed_and_named(tmp_path: Path) -> None:
-    regression = fit_range(written(tmp_path, marks(RADII, center=(203.0, 148.0))), 3)
-    np.testing.assert_allclose(regression.center_offset_px(), [3.0, -2.0], atol=0.3)
-
-
-def test_a_degree_that_does_not_rise_is_refused_and_others_are_named(tmp_path: Path) -> None:
+def test_a_degree_that_does_not_rise_is_refused(tmp_path: Path) -> None:
     radii = np.array([50.0, 80.0, 85.0, 90.0, 140.0])
     wild = RangePairs(
         radii, np.array([1.0, 1.05, 2.0, 2.95, 3.0]), np.zeros(5), ("",) * 5, "5 marks",
@@ -156,62 +141,30 @@ def test_a_degree_that_does_not_rise_is_refused_and_others_are_named(tmp_path: P
     assert fit_range(wild).degree < 4
 
 
-def test_without_a_degree_the_usual_one_is_taken_as_far_as_the_distances_allow(tmp_path: Path) -> None:
-    assert fit_range(written(tmp_path, marks(np.linspace(40, 140, 12)))).degree == 6
-    assert fit_range(written(tmp_path, marks(RADII[:5]))).degree == 3
-    assert fit_range(written(tmp_path, marks(RADII[:2]))).degree == 1
-
-
-@pytest.mark.parametrize(
-    ("radii", "degree", "said"),
-    [
-        ((60.0,), None, "all lie at one distance"),
-        (RADII[:3], 4, r"show 3 different distances, but a polynomial of degree 4 needs 5.*--degree 2"),
-        (RADII, 13, "expected 1 to 12"),
-    ],
-)
-def test_too_few_distances_are_told(tmp_path: Path, radii: tuple[float, ...], degree: int | None, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        fit_range(written(tmp_path, marks(radii)), degree)
-
-
-def test_a_mark_that_contradicts_the_others_is_named(tmp_path: Path) -> None:
-    rows = marks(RADII)
+def test_what_marks_cannot_be_is_told(tmp_path: Path, snapshot: SnapshotAssertion) -> None:
+    rows, told = marks(RADII), []
+    for row in (
+        "images/0.jpg,a,12,abc,1,2",
+        "images/0.jpg,a,12,13,1",
+        "images/0.jpg,a,12,13,1,",
+        "images/0.jpg,a,900,13,1,1",
+    ):
+        with pytest.raises(InputError) as refused:
+            written(tmp_path, [*rows[:2], row, *rows[2:]])
+        told.append(str(refused.value))
+    for radii, degree in (((60.0,), None), (RADII[:3], 4), (RADII, 13)):
+        with pytest.raises(InputError) as refused:
+            fit_range(written(tmp_path, marks(radii)), degree)
+        told.append(str(refused.value))
     cells = rows[20].split(",")
     rows[20] = ",".join((*cells[:4], f"{1.5 * float(cells[4]):.4f}", f"{1.5 * float(cells[5]):.4f}"))
-    with pytest.raises(InputError, match=r"marks.csv, line 21 \(m20\).*from what the other pairs say"):
+    with pytest.raises(InputError) as refused:
         fit_range(written(tmp_path, rows))
+    told.append(str(refused.value))
+    assert [words.replace(str(tmp_path), "") for words in told] == snapshot
 
 
-@pytest.mark.parametrize(
-    ("row", "said"),
-    [
-        ("images/0.jpg,a,12,abc,1,2", "line 3: column 'v' reads 'abc'"),
-        ("images/0.jpg,a,12,13,1", "line 3: has 5 values where the header names 6"),
-        ("images/0.jpg,a,12,13,1,", "line 3: needs both x_m and y_m"),
-        ("images/0.jpg,a,900,13,1,1", r"line 3 \(a\): lies outside of the image of 400 x 300"),
-    ],
-)
-def test_rows_that_are_no_marks_are_named(tmp_path: Path, row: str, said: str) -> None:
-    rows = marks(RADII)
-    with pytest.raises(InputError, match=said):
-        written(tmp_path, [*rows[:2], row, *rows[2:]])
-
-
-def test_marks_of_unknown_place_are_left_out(tmp_path: Path) -> None:
-    rows = marks(RADII)
-    assert len(written(tmp_path, [*rows, "images/0.jpg,fixed,12,13,,"]).radius_px) == len(rows) - 1
-    with pytest.raises(InputError, match="none of its marks has a known place"):
-        written(tmp_path, [rows[0], "images/0.jpg,fixed,12,13,,"])
-
-
-def test_a_camera_without_mirror_or_centre_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="model: pinhole"):
-        written(tmp_path, marks(RADII), model="pinhole")
-    with pytest.raises(InputError, match=r"camera.yaml: needs 'width', 'height' and 'center"):
-        written(tmp_path, marks(RADII), center="middle")
-
-
+@pytest.mark.slow
 def test_the_public_strip_gives_ranges_good_to_a_per_cent(small_data: Path) -> None:
     regression = fit_range(recording_pairs(open_source(small_data / "omni_calibration")))
     truth = open_camera(small_data / "omni_msl_track" / "camera.yaml")
@@ -248,12 +201,3 @@ def test_the_command_writes_camera_and_picture(tmp_path: Path, capsys: pytest.Ca
     beside = read_image(tmp_path / "again.png")
     assert beside.shape[1] > 1.5 * alone.shape[1]
     assert (np.abs(beside.astype(int) - (40, 140, 40)).max(axis=2) < 6).mean() > 0.15  # the image, with little over it
-
-
-def test_the_command_refuses_what_it_cannot_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, said in (
-        ((tmp_path / "none.csv",), "there is no such"),
-        ((tmp_path, "--camera", tmp_path / "c.yaml"), "--camera is for a file of marks"),
-    ):
-        assert invoke("calibrate", "range", *arguments, "--output", tmp_path / "o.yaml") == 2
-        assert said in capsys.readouterr().err

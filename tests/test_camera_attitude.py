@@ -11,8 +11,9 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
-from touchline.camera import Camera, OmniCamera, PinholeCamera, field_of_view, leaning, open_camera, require_omni
+from touchline.camera import Camera, OmniCamera, PinholeCamera, field_of_view, leaning, open_camera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.perception.detector import with_lean
@@ -73,22 +74,6 @@ def test_pixels_follow_the_documented_formula_and_opencv() -> None:
 
 
 @pytest.mark.parametrize("model", ["omni", "pinhole"])
-def test_without_a_lean_attitude_changes_nothing(model: str) -> None:
-    camera: Camera = mirror() if model == "omni" else perspective()
-    pixels = pixels_of(camera)
-    plain, upright = camera.ground_from_image(pixels), camera.ground_from_image(pixels, leaning(camera, 0.0, 0.0))
-    assert upright == pytest.approx(plain, rel=1e-9, nan_ok=True)
-
-
-def test_a_nose_that_dips_brings_the_ground_ahead_nearer() -> None:
-    for camera in (mirror(), perspective()):
-        ahead = camera.image_from_ground([[2.0, 0.0]])
-        dipped = camera.ground_from_image(ahead, leaning(camera, 0.0, 0.05))[0]
-        assert dipped[0] < 1.95
-        assert abs(dipped[1]) < 0.01
-
-
-@pytest.mark.parametrize("model", ["omni", "pinhole"])
 def test_covariances_agree_with_a_monte_carlo(model: str) -> None:
     camera: Camera = mirror() if model == "omni" else perspective()
     pose, noise_px, noise_m = leaning(camera, 0.02, -0.03), 0.3, 0.01
@@ -118,7 +103,7 @@ def test_the_distortion_is_not_trusted_beyond_the_image() -> None:
     assert (np.hypot(*(rays[good, 1:] / rays[good, :1]).T) <= camera.largest_radius).all()
 
 
-def test_the_field_of_view_is_the_mirrors_ring_and_the_ground_below_the_horizon() -> None:
+def test_the_field_of_view_is_where_ground_is() -> None:
     ring = field_of_view(mirror())
     v, u = np.mgrid[0:480, 0:480]
     radius = np.hypot(u - 241.3, v - 238.2)
@@ -158,13 +143,6 @@ def test_detected_points_heed_the_lean_only_where_the_camera_does(use_attitude: 
     assert with_lean(points, Frame(0), camera, 0.3, 0.01) is points
 
 
-def test_a_system_for_mirrors_names_what_it_needs() -> None:
-    said = "nubot-mti finds line points in images of an omnidirectional camera; this camera is a pinhole"
-    with pytest.raises(InputError, match=said):
-        require_omni(perspective(), "nubot-mti finds line points in images of")
-    assert require_omni(camera := mirror(), "x") is camera
-
-
 # --- camera.yaml ------------------------------------------------------------------------------------------------------
 
 OMNI = {
@@ -200,25 +178,24 @@ def test_an_omni_camera_may_name_its_viewpoint(tmp_path: Path) -> None:
     assert not open_camera(written(tmp_path, OMNI)).use_attitude
 
 
-@pytest.mark.parametrize(
-    ("tree", "message"),
-    [
-        (OMNI | {"viewpoint_height_m": -0.8}, "'viewpoint_height_m' must be positive"),
-        (OMNI | {"viewpoint_height_m": "high"}, "'viewpoint_height_m' must be a number"),
-        (OMNI | {"use_attitude": True}, "'use_attitude: true' needs 'viewpoint_height_m'"),
-        (OMNI | {"use_attitude": 1}, "'use_attitude' must be true or false"),
-        (PINHOLE | {"fx": -493.0}, "fx and fy, the focal lengths, must be positive"),
-        (PINHOLE | {"cx": 900.0}, r"cx, cy \(900, 238.6\) lie outside the image"),
-        (PINHOLE | {"distortion": [0.1]}, "distortion needs five numbers"),
-        (PINHOLE | {"distortion": "no"}, "'distortion' must be a list"),
-        (PINHOLE | {"mount": {"x": 0.0, "z": 1.1}}, "'mount' needs x, y, z, roll, pitch, yaw"),
-        (PINHOLE | {"mount": PINHOLE["mount"] | {"z": -1.1}}, "mount: z, the camera's height, must be positive"),  # type: ignore[operator]
-        (PINHOLE | {"width": 752.5}, "'width' must be a whole number"),
-        ({key: value for key, value in PINHOLE.items() if key != "fx"}, "'fx' is missing; a pinhole camera needs"),
-    ],
-)
-def test_what_is_wrong_in_a_camera_file_is_said(tmp_path: Path, tree: dict[str, object], message: str) -> None:
-    path = written(tmp_path, tree)
-    with pytest.raises(InputError, match=message) as error:
-        open_camera(path)
-    assert "camera.yaml" in str(error.value)
+def test_what_is_wrong_in_a_camera_file_is_said(tmp_path: Path, snapshot: SnapshotAssertion) -> None:
+    told = []
+    for tree in (
+        OMNI | {"viewpoint_height_m": -0.8},
+        OMNI | {"viewpoint_height_m": "high"},
+        OMNI | {"use_attitude": True},
+        OMNI | {"use_attitude": 1},
+        PINHOLE | {"fx": -493.0},
+        PINHOLE | {"cx": 900.0},
+        PINHOLE | {"distortion": [0.1]},
+        PINHOLE | {"distortion": "no"},
+        PINHOLE | {"mount": {"x": 0.0, "z": 1.1}},
+        PINHOLE | {"mount": PINHOLE["mount"] | {"z": -1.1}},  # type: ignore[operator]
+        PINHOLE | {"width": 752.5},
+        {key: value for key, value in PINHOLE.items() if key != "fx"},
+    ):
+        path = written(tmp_path, tree)
+        with pytest.raises(InputError) as error:
+            open_camera(path)
+        told.append(str(error.value).replace(str(tmp_path), ""))
+    assert told == snapshot

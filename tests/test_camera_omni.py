@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from touchline.camera import OmniCamera, open_camera
 from touchline.camera.base import ground_jacobian
@@ -37,14 +38,6 @@ def test_round_trip_is_within_a_hundredth_of_a_pixel(
     assert np.abs(cam.image_from_ground(cam.ground_from_image(pixel)) - pixel).max() <= 0.01
 
 
-def test_every_pixel_of_a_recordings_camera_makes_the_round_trip(small_data: Path) -> None:
-    cam = open_camera(small_data / "omni_msl_track" / "camera.yaml")
-    v, u = np.mgrid[0:480:7, 0:480:7]
-    pixels = np.column_stack((u.ravel(), v.ravel())).astype(float)
-    pixels = pixels[np.hypot(*(pixels - cam.center).T) <= 219.9]
-    assert np.abs(cam.image_from_ground(cam.ground_from_image(pixels)) - pixels).max() <= 0.01
-
-
 def test_ground_point_follows_the_documented_formula() -> None:
     cam = camera()
     pixel = np.array([[241.3 + 90.0, 238.2]])  # along u: atan2 = 0, so the bearing is the mount's yaw
@@ -59,14 +52,7 @@ def test_ground_point_follows_the_documented_formula() -> None:
     )
 
 
-def test_between_radii_the_range_is_that_of_the_smooth_mirror() -> None:
-    cam = camera()
-    radii = np.arange(20.5, 200.0, 1.7)
-    points = cam.ground_from_image(np.column_stack((241.3 + radii, np.full_like(radii, 238.2))))
-    np.testing.assert_allclose(np.hypot(*points.T), 0.8 * np.tan(radii / 160.0), rtol=1e-3)
-
-
-def test_per_direction_rows_are_met_at_their_bearing_and_averaged_between() -> None:
+def test_rows_are_met_at_their_bearing() -> None:
     cam = camera(bearings=8)
     eighth = 1.0 + 0.05 * math.cos(math.pi / 4)
     for bearing, factor in ((0.0, 1.05), (math.pi / 4, eighth), (math.pi, 0.95), (math.pi / 8, (1.05 + eighth) / 2)):
@@ -97,40 +83,38 @@ GOOD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"model": "spherical"}, "unknown camera model 'spherical'"),
-        ({"center": [5]}, "'center' needs two numbers"),
-        ({"center": None}, "'center' must be a list of finite numbers"),
-        ({"handedness": 2}, "'handedness' must be 1 or -1"),
-        ({"inner_radius_px": 9}, "'inner_radius_px'"),
-        ({"inner_radius_px": "a"}, "'inner_radius_px' must be a number"),
-        ({"width": 10.5}, "'width' must be a whole number"),
-        ({"range_table": {"radius_px": [0, 5]}}, "'range_table' needs"),
-        ({"range_table": {"radius_px": [0, 5, 4], "range_m": [0, 1, 2]}}, "'range_table.radius_px' must increase"),
-        ({"range_table": {"radius_px": [0, 5], "range_m": [1, float("nan")]}}, "finite"),
-        ({"range_table": {"radius_px": [0, 5], "range_m": [0, 1, 2]}}, "2 radii but 3 ranges"),
-        ({"range_table": {"radius_px": [0, 5], "bearing_rad": [0, 1], "range_m": [[0, 1]]}}, "2 bearings but 1 rows"),
-        ({"range_table": {"radius_px": [0, 5], "bearing_rad": [0, 0], "range_m": [[0, 1], [0, 1]]}}, "a bearing twice"),
-    ],
-)
-def test_a_bad_camera_file_gets_one_message_with_its_name(
-    tmp_path: Path, change: dict[str, object], message: str
-) -> None:
-    path = tmp_path / "camera.yaml"
-    path.write_text(yaml.safe_dump(GOOD | change))
-    with pytest.raises(InputError, match=r"camera\.yaml") as error:
-        open_camera(path)
-    assert message in str(error.value)
+WRONG: list[dict[str, object]] = [
+    {"model": "spherical"},
+    {"center": [5]},
+    {"center": None},
+    {"handedness": 2},
+    {"inner_radius_px": 9},
+    {"inner_radius_px": "a"},
+    {"width": 10.5},
+    {"range_table": {"radius_px": [0, 5]}},
+    {"range_table": {"radius_px": [0, 5, 4], "range_m": [0, 1, 2]}},
+    {"range_table": {"radius_px": [0, 5], "range_m": [1, float("nan")]}},
+    {"range_table": {"radius_px": [0, 5], "range_m": [0, 1, 2]}},
+    {"range_table": {"radius_px": [0, 5], "bearing_rad": [0, 1], "range_m": [[0, 1]]}},
+    {"range_table": {"radius_px": [0, 5], "bearing_rad": [0, 0], "range_m": [[0, 1], [0, 1]]}},
+    *(
+        {"range_table": {"radius_px": [0, 5], "bearing_rad": [0.0, 1.0], "range_m": [[0, 1], [0, 1]]}
+         | {"bearing_offset_rad": offsets}}
+        for offsets in ([[0.0, 0.0]], [[0.0, 0.0], [0.0, 2.0]], [[0.0, 0.0], ["x", 0.0]])
+    ),
+    {"range_table": {"radius_px": [0, 5], "bearing_offset_rad": [0.0, 0.0], "range_m": [0, 1]}},
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("key", [key for key in GOOD if key != "model"])
-def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
-    path = tmp_path / "camera.yaml"
-    path.write_text(yaml.safe_dump({k: v for k, v in GOOD.items() if k != key}))
-    with pytest.raises(InputError, match=f"'{key}' is missing"):
-        open_camera(path)
+def test_a_bad_camera_file_gets_one_message(tmp_path: Path, snapshot: SnapshotAssertion) -> None:
+    path, told = tmp_path / "camera.yaml", []
+    without = [{k: v for k, v in GOOD.items() if k != key} for key in GOOD if key != "model"]
+    for tree in [*(GOOD | change for change in WRONG), *without]:
+        path.write_text(yaml.safe_dump(tree))
+        with pytest.raises(InputError) as error:
+            open_camera(path)
+        told.append(str(error.value).replace(str(tmp_path), ""))
+    assert told == snapshot
 
 
 # --- a mirror that turns bearings -------------------------------------------------------------------------------------
@@ -171,22 +155,3 @@ def test_offsets_are_read_in_the_order_of_their_bearings(tmp_path: Path) -> None
     offsets = open_camera(file).bearing_offset_rad
     assert offsets is not None
     assert offsets.tolist() == [[0.01, 0.01], [0.03, 0.03]]
-
-
-@pytest.mark.parametrize(
-    ("offsets", "bearings", "said"),
-    [
-        ([[0.0, 0.0]], [0.0, 1.0], "a row for each bearing"),
-        ([[0.0, 0.0], [0.0, 2.0]], [0.0, 1.0], "radians, at most 0.2"),
-        ([[0.0, 0.0], ["x", 0.0]], [0.0, 1.0], "list of numbers"),
-        ([0.0, 0.0], None, "needs 'bearing_rad'"),
-    ],
-)
-def test_offsets_that_cannot_be_are_refused(tmp_path: Path, offsets: object, bearings: object, said: str) -> None:
-    table: dict[str, object] = {"radius_px": [0, 5], "bearing_offset_rad": offsets}
-    table |= {"range_m": [0, 1]} if bearings is None else {"range_m": [[0, 1], [0, 1]], "bearing_rad": bearings}
-    file = tmp_path / "camera.yaml"
-    file.write_text(yaml.safe_dump(GOOD | {"range_table": table}))
-    with pytest.raises(InputError, match="bearing_offset_rad") as refused:
-        open_camera(file)
-    assert said in str(refused.value)

@@ -23,7 +23,7 @@ def test_every_sample_is_the_exact_distance_in_256_steps(name: str, farthest_m: 
     assert np.abs(found.values.ravel() - exact).max() <= 0.5 + 1e-3  # the distances are kept in single precision
 
 
-def test_lines_are_0_and_what_is_farther_than_the_map_says_is_255() -> None:
+def test_lines_are_0_and_far_places_255() -> None:
     field = open_field("indoor-9x6")
     found = error_map(field, 0.05)
     assert np.all(found.look_up([[4.475, 0.0], [0.0, 0.0], [0.725, 0.0]]) <= 8)  # up to half a sample away
@@ -46,7 +46,7 @@ def test_the_sample_nearest_to_a_point_counts() -> None:
         found.look_up([1.0, 2.0])
 
 
-def test_the_picture_has_x_upwards_and_y_to_the_left_as_the_paper_s() -> None:
+def test_the_picture_has_x_upwards() -> None:
     found = error_map(open_field("indoor-9x6"), 0.05)
     picture = found.picture()
     ny, nx = found.values.shape

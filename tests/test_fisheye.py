@@ -1,4 +1,4 @@
-"""The fisheye camera: OpenCV's model, beyond 180°, its file and CameraInfo, what is seen through it, and its errors."""
+"""The fisheye camera: OpenCV's model, beyond 180°, its file and CameraInfo, and its errors."""
 
 from __future__ import annotations
 
@@ -14,28 +14,20 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from touchline import open_source
-from touchline.calibration import self_perspective
-from touchline.calibration.self_perspective import calibrate_self_perspective, evenly, perspective_view
-from touchline.camera import FisheyeCamera, leaning, open_camera
+from touchline.camera import FisheyeCamera, PinholeCamera, leaning, open_camera
 from touchline.errors import InputError
-from touchline.evaluation.runner import robot_setup
 from touchline.geometry import FloatArray, Pose3
 from touchline.localization.camera_errors.fisheye_focal import by_angle_scale, scaled_angle
-from touchline.motion import LeanFilter
-from touchline.motion.attitude import view_at
-from touchline.perception import LineGraphSettings, line_graph_detector
-from touchline.sources import Recording
 from touchline.sources.bags.camera_file import camera_mapping
-from touchline.systems import open_system
-from touchline.systems.touchline import Touchline
-from touchline.types import Prior
-from touchline_lab.simulation.cameras.perspective import SimulatedPerspectiveCamera, humanoid_camera, kid_size_camera
-from touchline_lab.simulation.recording import write_recording
-from touchline_lab.simulation.run import Simulation
-from touchline_lab.simulation.scenario import open_scenario
 
-CAMERA = kid_size_camera()
+CAMERA = FisheyeCamera(
+    640, 480, 285.0, 285.0, 321.4, 238.2, np.array([-0.02, 0.003, -0.001, 0.0002]),
+    Pose3.from_roll_pitch_yaw(0.0, 0.55, 0.0, (0.04, 0.0, 0.52)),
+)  # fmt: skip
+PINHOLE = PinholeCamera(
+    752, 480, 493.0, 493.0, 377.3, 238.6, np.array([-0.25, 0.06, 0.0006, -0.0004, 0.0]),
+    Pose3.from_roll_pitch_yaw(0.0, 0.4887, 0.0, (0.05, 0.0, 1.1)),
+)  # fmt: skip
 FILE = CAMERA.mapping()
 PLAIN = replace(CAMERA, distortion=np.zeros(4))
 
@@ -73,7 +65,7 @@ def test_pixels_are_those_of_opencv() -> None:
     assert wanted[:, 0] == pytest.approx(pixels_of(CAMERA), abs=1e-6)
 
 
-def test_what_is_behind_the_camera_is_seen_up_to_where_the_lens_is_trusted() -> None:
+def test_what_is_behind_a_wide_lens_is_seen() -> None:
     camera = wide_camera()
     angles = np.radians([0.0, 60.0, 90.0, 100.0, 120.0])
     directions = np.column_stack((np.cos(angles), -np.sin(angles), np.zeros(5)))
@@ -124,7 +116,7 @@ def test_camera_info(model: str) -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(error=st.floats(-0.04, 0.04), pitch=st.floats(0.2, 1.2))
-def test_an_error_of_the_focal_length_moves_ground_points_as_the_camera_does(error: float, pitch: float) -> None:
+def test_an_error_of_focal_length_moves_ground_points(error: float, pitch: float) -> None:
     mount = Pose3.from_roll_pitch_yaw(0.05, pitch, 0.2, (0.0, 0.0, 0.6))
     camera = replace(PLAIN, base_from_camera=mount)
     longer, shorter, off = (
@@ -147,90 +139,11 @@ def test_an_error_of_the_focal_length_moves_ground_points_as_the_camera_does(err
 def test_a_corrected_camera_sees_what_was_seen_where_it_is() -> None:
     errors = np.array([0.01, -0.02, 0.03, 0.02])
     angles = np.linspace(0.1, 0.7, 30)
-    pinhole = humanoid_camera()
     directions = np.column_stack((np.cos(angles), -np.sin(angles), np.zeros(30)))
-    rays = pinhole.corrected(errors, angles).camera_rays(pinhole.image_from_camera(directions))
+    rays = PINHOLE.corrected(errors, angles).camera_rays(PINHOLE.image_from_camera(directions))
     assert -rays[:, 1] / rays[:, 0] == pytest.approx(1.02 * np.tan(angles), rel=5e-3)
     fisheye = PLAIN.corrected(errors, np.linspace(0.1, 1.2, 30))
     assert fisheye.fx == pytest.approx(285.0 / 1.02, rel=1e-4)
     assert fisheye.base_from_camera.translation_m == pytest.approx(PLAIN.base_from_camera.translation_m * (1, 1, 1.03))
     bent = CAMERA.corrected(errors, np.linspace(0.1, 1.2, 30))
     assert bent.fx == pytest.approx(285.0 / 1.02, rel=5e-3)
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """Four seconds of a kid-size robot's walk."""
-    folder = tmp_path_factory.mktemp("fisheye") / "walk"
-    write_recording(Simulation(open_scenario("humanoid-fisheye", seconds=4.0)), folder)
-    recording = open_source(folder)
-    assert isinstance(recording, Recording)
-    return recording
-
-
-def test_rendered_rays_are_the_inverse_of_the_projection() -> None:
-    camera = SimulatedPerspectiveCamera(CAMERA)
-    rays = camera._grid.rays[::40, ::40].reshape(-1, 6).astype(float)
-    falling = rays[:, 5] < -0.05
-    rays = rays[falling]
-    ground = rays[:, :2] - rays[:, 3:5] * (rays[:, 2] / rays[:, 5])[:, np.newaxis]
-    v, u = np.mgrid[0:480:40, 0:640:40]
-    assert camera.project(ground) == pytest.approx(np.column_stack((u.ravel(), v.ravel()))[falling], abs=0.01)
-
-
-def test_lines_crossings_and_landmarks_are_where_they_are_in_the_whole_image(walk: Recording) -> None:
-    detector = line_graph_detector(walk.camera, LineGraphSettings(), walk.field)
-    distances, bearings, seen, leaning_by = [], [], 0, LeanFilter()
-    for frame, truth in zip(walk, walk.truth, strict=True):
-        leaning_by.add(frame)
-        view = view_at(walk.camera, frame, leaning_by.lean(frame.stamp_ns))
-        assert frame.image is not None
-        found = detector.detect(frame.image, view)
-        distances.append(np.abs(walk.field.line_distances(truth.transform(found.points.positions_m))))
-        bearings.append(np.arctan2(*found.points.positions_m.T[::-1]))
-        seen += len(found.crossings) + len(found.landmarks)
-        assert view.image_from_ground(found.points.positions_m) == pytest.approx(found.points.pixels, abs=0.2)
-        for each in (found.points, found.boundary, found.crossings, found.landmarks):
-            assert len(each.pixels) == len(each)
-    distance = np.concatenate(distances)
-    assert len(distance) > 1500
-    assert np.median(distance) < 0.03
-    assert np.mean(distance < 0.1) > 0.97
-    assert np.ptp(np.degrees(np.concatenate(bearings))) > 110.0
-    assert seen >= 6
-    for picture in detector.stages(walk.image(0)).values():
-        assert picture.shape[1] > picture.shape[0], "three patches side by side"
-
-
-def test_touchline_follows_the_walk(walk: Recording) -> None:
-    system = open_system("touchline", robot_setup(walk))
-    system.reset(Prior(pose=walk.truth[0]))
-    errors = [system.step(frame).pose.distance_to(truth) for frame, truth in zip(walk, walk.truth, strict=True)]
-    assert np.median(errors) < 0.03
-    assert np.max(errors) < 0.10
-
-
-def test_roll_pitch_height_and_focal_length_are_found_from_the_walk(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(self_perspective, "MAX_DEVIATIONS", 5.0 * self_perspective.MAX_DEVIATIONS)  # of 4 s
-    told = replace(
-        CAMERA,
-        fx=1.03 * CAMERA.fx,
-        fy=1.03 * CAMERA.fy,
-        base_from_camera=Pose3.from_roll_pitch_yaw(0.0, 0.53, 0.0, (0.04, 0.0, 0.97 * 0.52)),
-    )
-    system = open_system("touchline", replace(robot_setup(walk), camera=told))
-    assert isinstance(system, Touchline)
-    system.reset(Prior(pose=walk.truth[0]))
-    found = calibrate_self_perspective(
-        evenly([one for frame in walk if (one := perspective_view(system, frame, system.step(frame)))]),
-        told,
-        system.registration,
-    )
-    assert found.camera.model == "fisheye"
-    assert found.camera.fx == pytest.approx(CAMERA.fx, rel=0.01)
-    assert found.camera.base_from_camera.translation_m[2] == pytest.approx(0.52, rel=0.025)
-    roll, pitch, _ = found.camera.base_from_camera.roll_pitch_yaw()
-    assert (roll, pitch) == pytest.approx((0.006, 0.554), abs=0.006), "so much the IMU errs, too"
-    assert found.after[1] < 0.2 * found.before[1]

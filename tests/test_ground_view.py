@@ -76,7 +76,7 @@ def test_the_line_detectors_plane_is_the_views(camera: PinholeCamera, correction
     assert found == pytest.approx(view.ground_from_image(near), abs=0.01)
 
 
-def test_a_frames_pose_comes_before_the_correction_and_that_before_the_mount(camera: PinholeCamera) -> None:
+def test_a_frames_pose_comes_before_the_correction(camera: PinholeCamera) -> None:
     measured = leaning(camera, 0.01, 0.02)
     by_pose = ground_view(learned(camera), measured, 0.3, 0.3).ground_from_image(PIXELS)
     np.testing.assert_array_equal(by_pose, camera.ground_from_image(PIXELS, measured))

@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 from synthetic import (
     BLACK,
-    BODY_PX,
     CROSS,
-    GREEN,
-    GREY,
     WHITE,
     YELLOW,
     distances,
@@ -30,13 +27,10 @@ from touchline.geometry import FloatArray
 from touchline.perception import observe
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.ray_runs import RUN_COLUMNS, RayPictures, Rays, RunLimits, white_runs
-from touchline.published.iris_fusion.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
-from touchline.sources import open_source
+from touchline.published.iris_fusion.hsv_lines import HsvLineDetector, HsvLineSettings
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
-
-BY_HAND = HsvLinePaper(thresholds="fixed")
 
 
 def detected(image: ImageArray, camera: OmniCamera = CAMERA, **settings: object) -> LinePoints:
@@ -48,7 +42,7 @@ def cross_image() -> ImageArray:
     return paint_ground(CAMERA, line_field(CROSS))
 
 
-def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArray) -> None:
+def test_points_lie_on_lines_below_a_pixel(cross_image: ImageArray) -> None:
     points = detected(cross_image)
     off, ranges = distances(points, CROSS), np.hypot(*points.positions_m.T)
     assert len(points) >= 80
@@ -57,35 +51,11 @@ def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArra
     assert np.quantile(off / pixel_m, 0.9) < 0.35
 
 
-def test_rays_are_two_and_a_half_degrees_apart(cross_image: ImageArray) -> None:
-    offset = detected(cross_image).pixels - CAMERA.center
-    turns = np.degrees(np.arctan2(offset[:, 1], offset[:, 0])) / 2.5
-    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
-    wide = detected(cross_image, ray_step_deg=10.0)
-    assert len(wide) < 0.35 * len(offset)
-
-
-def test_every_run_of_a_ray_counts_not_only_the_first() -> None:
-    lines = [(1.0, 0.0, 1.0), (1.0, 0.0, 2.0), (1.0, 0.0, 3.0)]
-    points = detected(paint_ground(CAMERA, line_field(lines)))
-    ahead = points.positions_m[np.abs(points.positions_m[:, 1]) < 0.2]
-    for _, _, x in lines:
-        assert np.any(np.abs(ahead[:, 0] - x) < 0.02)
-
-
 @pytest.mark.parametrize("light", [0.3, 0.5, 1.0, 1.1])
 def test_thresholds_follow_the_light(light: float) -> None:
     points = detected(paint_ground(CAMERA, line_field(CROSS, light=light)))
     assert len(points) >= 75
     assert np.median(distances(points, CROSS)) < 0.01
-
-
-def test_fixed_thresholds_hold_for_one_light_as_the_paper_says(cross_image: ImageArray) -> None:
-    dim = paint_ground(CAMERA, line_field(CROSS, light=0.3))
-    assert len(detected(cross_image, paper=BY_HAND)) >= 80
-    assert len(detected(dim, paper=BY_HAND)) == 0
-    by_hand = {"min_value": 0.05, "min_lightness": 0.2}
-    assert len(detected(dim, paper=BY_HAND, fixed=by_hand)) >= 75
 
 
 def sunny(points: FloatArray) -> FloatArray:
@@ -96,7 +66,7 @@ def sunny(points: FloatArray) -> FloatArray:
     return colours
 
 
-def test_the_edge_of_a_sunny_patch_is_no_line_and_hides_none() -> None:
+def test_the_edge_of_a_sunny_patch_is_no_line() -> None:
     points = detected(paint_ground(CAMERA, sunny))
     off = distances(points, CROSS)
     assert np.mean(off > 0.1) < 0.03
@@ -132,83 +102,7 @@ def test_balls_robots_and_wide_white_things_give_no_points(
     assert np.all(apart < 0.35)  # a ray may cut a corner of a white thing as short as a line, and no more
 
 
-def test_white_outside_of_the_green_is_left_out_by_the_hull() -> None:
-    """A hall with a white stripe on a grey floor behind the carpet; without the AND it would be a line."""
-
-    def colour_at(points: FloatArray) -> FloatArray:
-        colours = line_field([(1.0, 0.0, 1.8)])(points)
-        colours[points[:, 1] > 2.5] = GREY
-        colours[np.abs(points[:, 1] - 3.2) < 0.06] = WHITE
-        return colours
-
-    image = paint_ground(CAMERA, colour_at)
-    points = detected(image, paper={"min_green": 0})
-    assert np.max(points.positions_m[:, 1]) < 2.6
-    detector = HsvLineDetector(CAMERA)
-    masks = detector.masks(image)
-    assert masks.white[at_left(3.2)] > 0
-    assert masks.field[at_left(3.2)] == masks.lines[at_left(3.2)] == 0
-    assert np.mean(masks.field[masks.green > 0]) > 250
-    assert not np.any(masks.lines[masks.field == 0])
-
-
-def at_left(left_m: float) -> tuple[int, int]:
-    """Row and column of the ground at that distance to the robot's left."""
-    u, v = np.rint(CAMERA.image_from_ground([[0.0, left_m]])[0]).astype(int)
-    return int(v), int(u)
-
-
-def test_green_posters_beyond_the_floor_do_not_widen_the_hull() -> None:
-    def colour_at(points: FloatArray) -> FloatArray:
-        colours = line_field(CROSS)(points)
-        colours[points[:, 1] > 1.6] = WHITE
-        colours[(np.abs(points[:, 1] - 3.2) < 0.5) & (np.abs(points[:, 0]) < 0.7)] = GREEN
-        return colours
-
-    points = detected(paint_ground(CAMERA, colour_at))
-    assert len(points) >= 60
-    assert np.mean(distances(points, CROSS) > 0.1) < 0.02
-
-
-def test_the_robot_itself_and_black_rods_give_no_points(cross_image: ImageArray) -> None:
-    image = cross_image.copy()
-    v, u = np.mgrid[0:480, 0:480]
-    radius, angle = np.hypot(u - 239.5, v - 239.5), np.arctan2(v - 239.5, u - 239.5)
-    image[(radius < BODY_PX) & (radius > BODY_PX - 8)] = WHITE
-    image[(np.abs(angle - 2.0) < 0.03) & (radius > BODY_PX)] = BLACK
-    points = detected(image)
-    assert np.max(distances(points, CROSS)) < 0.1
-
-
-def test_carpet_on_both_sides_of_two_robots_that_stand_close_is_one_field(cross_image: ImageArray) -> None:
-    image = cross_image.copy()
-    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]] - CAMERA.center[0]
-    image[(np.abs(np.arctan2(v, np.abs(u))) < 0.4) & (np.hypot(v, u) > BODY_PX)] = BLACK
-    above = detected(image).pixels[:, 1] < CAMERA.center[1]
-    assert min(above.sum(), (~above).sum()) >= 15  # only the robot itself joins them
-
-
-def test_a_noisy_image_is_blurred_more() -> None:
-    image = paint_ground(CAMERA, line_field(CROSS), noise=18.0)
-    points = detected(image)
-    assert len(points) >= 60
-    assert np.mean(distances(points, CROSS) > 0.1) < 0.03
-
-
-def test_covariances_are_those_of_a_pixel_on_the_ground(cross_image: ImageArray) -> None:
-    points = detected(cross_image)
-    ranges = np.hypot(*points.positions_m.T)
-    along = points.positions_m / ranges[:, np.newaxis]
-    radial = np.sqrt(np.einsum("ni,nij,nj->n", along, points.covariances_m2, along))
-    assert np.median(radial[ranges < 1.5]) < 0.015
-    assert np.all(radial[ranges > 3.0] > 2.0 * np.median(radial[ranges < 1.5]))
-    assert np.all((points.confidences > 0.0) & (points.confidences <= 1.0))
-    np.testing.assert_allclose(CAMERA.ground_from_image(points.pixels), points.positions_m, atol=0.06)
-
-
-def test_a_range_file_takes_the_place_of_the_camera_and_ends_where_it_ends(
-    cross_image: ImageArray, tmp_path: Path
-) -> None:
+def test_a_range_file_takes_the_place_of_the_camera(cross_image: ImageArray, tmp_path: Path) -> None:
     radii = np.arange(30.0, 181.0, 10.0)
     rows = ", ".join(f"{0.8 * math.tan(r / 160.0):.5f}" for r in radii)
     file = tmp_path / "range.yaml"
@@ -231,7 +125,7 @@ def test_images_without_carpet_or_of_another_size_are_told(cross_image: ImageArr
 
 
 @pytest.mark.parametrize("share", [0.1, 0.15, 0.5])
-def test_a_carpet_that_is_more_grey_than_green_is_a_carpet(cross_image: ImageArray, share: float) -> None:
+def test_a_greyish_carpet_is_a_carpet(cross_image: ImageArray, share: float) -> None:
     """One real carpet has a saturation of 0.07 to 0.2, the paint beside it 0.04."""
     grey = cross_image.mean(axis=2, keepdims=True)
     pale = np.rint(share * cross_image + (1.0 - share) * grey).astype(np.uint8)
@@ -316,43 +210,3 @@ def plain_runs(
         if np.hypot(*(ground[1] - ground[0])) <= 0.75:
             rows.append(np.concatenate((ground.mean(axis=0), ends.mean(axis=0))))
     return rows
-
-
-def test_stages_are_pictures_of_figures_6_and_7(cross_image: ImageArray) -> None:
-    pictures = HsvLineDetector(CAMERA).stages(cross_image)
-    assert list(pictures) == [
-        "HSV threshold", "convex hull", "HSL threshold", "bitwise AND", "distances along rays", "line points",
-    ]  # fmt: skip
-    assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures.values())
-    assert np.any(pictures["bitwise AND"] != pictures["HSL threshold"])
-    assert np.any(pictures["line points"] != pictures["convex hull"])
-
-
-@pytest.mark.parametrize(
-    ("name", "least", "most_outliers"),
-    [
-        ("omni_msl_track", 80, 0.02),
-        ("omni_msl_match", 60, 0.02),
-        ("omni_msl_sun", 100, 0.02),
-        ("omni_9x6_points", 30, 0.06),
-    ],
-)
-def test_recordings_under_any_light_give_points_on_the_lines(
-    shared_data: Path, name: str, least: int, most_outliers: float
-) -> None:
-    """Lamps, crowds, sun and thin lines with the same settings: centimetres, and hardly a point that is no line."""
-    source = open_source(shared_data / name)
-    detector = HsvLineDetector(source.camera, line_width_m=source.field.line_width)
-    assert source.truth is not None
-    off, near = [], []
-    for index in range(0, len(source), 12):
-        image = source.image(index)
-        assert image is not None
-        points = detector.detect(image)
-        assert len(points) >= least
-        off.append(source.field.line_distances(source.truth[index].transform(points.positions_m)))
-        near.append(np.hypot(*points.positions_m.T) < 3.0)
-    distance_m, is_near = np.concatenate(off), np.concatenate(near)
-    assert np.median(distance_m[is_near]) < 0.004
-    assert np.quantile(distance_m[is_near], 0.9) < 0.01
-    assert np.mean(distance_m > 0.3) < most_outliers

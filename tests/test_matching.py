@@ -90,23 +90,6 @@ def test_error_and_gradient_are_those_of_the_plain_twin(
     np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-7)
 
 
-def test_the_gradient_is_the_slope_of_the_error_of_exact_distances() -> None:
-    rng = np.random.default_rng(1)
-    points, weights = view(FIELD, Pose(3.0, 1.0, 0.4), rng), None
-    weights = np.full(len(points), 1 / len(points))
-    pose, c = np.array([3.15, 1.1, 0.45]), 0.25
-
-    def exact(at: FloatArray) -> float:
-        d = FIELD.line_distances(Pose(*at).transform(points))
-        return float(np.mean(1 - c**2 / (c**2 + d**2)))
-
-    _, *gradient = error_and_gradient(points, weights, MAP.table, pose, c)
-    for k, small in enumerate((1e-4, 1e-4, 1e-5)):
-        step = np.eye(3)[k] * small
-        numeric = (exact(pose + step) - exact(pose - step)) / (2 * small)
-        assert gradient[k] == pytest.approx(numeric, rel=0.05, abs=0.02)
-
-
 def test_rprop_takes_the_steps_of_the_textbook() -> None:
     points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
     weights = range_weights(points, WeightSettings())
@@ -116,35 +99,6 @@ def test_rprop_takes_the_steps_of_the_textbook() -> None:
     assert match.iterations is not None
     assert match.iterations.shape == (26, 4)
     np.testing.assert_allclose(match.iterations, expected, atol=1e-6)
-
-
-def test_steps_grow_by_a_fifth_and_shrink_by_half() -> None:
-    points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
-    match = Matcher(MAP).match(points, range_weights(points, WeightSettings()), Pose(-3.4, 2.2, 1.1), record=True)
-    assert match.iterations is not None
-    steps = np.abs(np.diff(match.iterations[:, 0]))
-    signs = np.sign(np.diff(match.iterations[:, 0]))
-    factors = steps[1:] / steps[:-1]
-    assert steps[0] == pytest.approx(0.1)
-    np.testing.assert_allclose(factors[signs[1:] == signs[:-1]], 1.2)
-    np.testing.assert_allclose(factors[signs[1:] != signs[:-1]], 0.5)
-    assert (signs[1:] != signs[:-1]).sum() >= 3
-
-
-def test_the_best_pose_seen_is_returned_not_the_last() -> None:
-    points = view(FIELD, Pose(-4.0, 2.0, 1.0), np.random.default_rng(2))
-    weights = range_weights(points, WeightSettings())
-    match = Matcher(MAP, MatchingSettings(iterations=4)).match(points, weights, Pose(-4.02, 2.0, 1.0), record=True)
-    assert match.iterations is not None
-    best = match.iterations[np.argmin(match.iterations[:, 3])]
-    np.testing.assert_allclose(match.pose, best[:3])
-    assert match.error == pytest.approx(best[3])
-    assert match.error < match.iterations[-1, 3]
-
-
-def test_without_asking_no_iterations_are_kept() -> None:
-    points = view(FIELD, Pose(0.0, 1.0, 0.0), np.random.default_rng(0))
-    assert Matcher(MAP).match(points, range_weights(points, WeightSettings()), Pose(0.0, 1.0, 0.0)).iterations is None
 
 
 @pytest.mark.parametrize("heading", [math.pi - 0.01, -math.pi + 0.01])
@@ -165,13 +119,6 @@ def test_what_is_no_set_of_points_is_refused() -> None:
         matcher.match(np.zeros((3, 2)), np.ones(3), Pose(0, 0, 0))
     with pytest.raises(ValueError, match="finite"):
         matcher.match(np.array([[1.0, np.nan]]), np.ones(1), Pose(0, 0, 0))
-
-
-def test_points_far_outside_the_map_do_no_harm() -> None:
-    points = np.vstack((view(FIELD, Pose(1.0, 1.0, 0.2), np.random.default_rng(4)), [[60.0, -60.0], [-40.0, 0.0]]))
-    weights = np.full(len(points), 1 / len(points))
-    match = Matcher(MAP).match(points, weights, Pose(1.05, 1.0, 0.2))
-    assert match.pose.distance_to(Pose(1.0, 1.0, 0.2)) < 0.05
 
 
 def test_weights_fall_with_the_variance_and_follow_the_confidence() -> None:

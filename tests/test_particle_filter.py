@@ -9,7 +9,7 @@ import pytest
 from line_scenes import view
 
 from touchline.field import open_field
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import Pose
 from touchline.motion.odometry import Motion
 from touchline.published.particles.motion_model import MotionModel
 from touchline.published.particles.particle_filter import ParticleFilter
@@ -22,7 +22,6 @@ FIELD = open_field("msl-18x12")
 LINES = DistanceMapModel(FIELD.distance_map(), 0.3, farthest_sigmas=3.3, independent_points=5.0)
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 REACH_M = np.array([10.0, 7.0])
-POSTS = np.array([[9.0, 1.0], [9.0, -1.0], [-9.0, 1.0], [-9.0, -1.0], [0.0, 6.0]])
 
 
 def lines(pose: Pose, seed: int) -> LineView:
@@ -52,8 +51,8 @@ def places(seed: int) -> tuple[Pose, Pose]:
 # --- random particles -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_kidnapped_robot_is_found_by_random_particles_and_not_without_them(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(2))
+def test_random_particles_find_a_kidnapped_robot(seed: int) -> None:
     here, there = places(seed)
     injection = AugmentedInjection(about(here))
     filters = augmented(seed, about(here), injection), augmented(seed, about(here), None)
@@ -76,7 +75,7 @@ def test_a_kidnapped_robot_is_found_by_random_particles_and_not_without_them(see
     assert errors_m[1] > 1.0
 
 
-def test_the_ratio_is_that_of_both_averages_of_the_mean_likelihood() -> None:
+def test_the_ratio_is_that_of_both_averages() -> None:
     rng = np.random.default_rng(0)
     injection = AugmentedInjection(UniformPoses(REACH_M), slow=0.1, fast=0.4, min_ratio=0.0, max_ratio=1.0)
     estimate = ParticleEstimate(Pose(0.0, 0.0, 0.0), np.eye(3))
@@ -103,13 +102,6 @@ def test_likelihoods_that_no_number_can_hold_count_by_their_ratio() -> None:
     assert injection.ratio(estimate) == pytest.approx(1.0 - 0.5 / 0.9)
 
 
-def test_random_particles_take_places_evenly_over_the_set() -> None:
-    made = augmented(0, about(Pose(0.0, 0.0, 0.0)), None)
-    made.start(np.zeros((90, 3)))
-    made.inject(np.ones((30, 3)))
-    assert np.array_equal(np.flatnonzero(made.particles.poses[:, 0]), np.arange(0, 90, 3))
-
-
 # --- numbers and drawing ----------------------------------------------------------------------------------------------
 
 
@@ -119,59 +111,3 @@ def test_certainty_decides_on_250_to_1000_particles() -> None:
     for deviation_m, count in ((0.0, 250), (0.5, 625), (1.0, 1000), (4.0, 1000)):
         covariance = np.diag([deviation_m**2 / 2, deviation_m**2 / 2, 0.1])
         assert number(drawn, ParticleEstimate(Pose(0.0, 0.0, 0.0), covariance)) == pytest.approx(count, abs=1)
-
-
-def test_the_number_falls_while_the_particles_agree() -> None:
-    here, _ = places(1)
-    made = augmented(1, about(here), None)
-    numbers = []
-    for k in range(20):
-        made.predict(STILL)
-        made.update(lines(here, k))
-        numbers.append(len(made.particles))
-    assert numbers[0] > 600
-    assert numbers[-1] < 400
-
-
-def test_the_mean_moves_on_with_the_odometry() -> None:
-    made = augmented(0, about(Pose(1.0, 2.0, 0.5)), None)
-    made.start(np.tile([1.0, 2.0, 0.5], (300, 1)))
-    made.predict(Motion(Pose(0.4, 0.1, 0.2), np.zeros((3, 3)), 0.0))
-    assert made.estimate().pose == pytest.approx(Pose(1.0, 2.0, 0.5).compose(Pose(0.4, 0.1, 0.2)))
-    assert made.particles.poses.mean(axis=0) == pytest.approx(made.estimate().pose.as_array(), abs=0.02)
-
-
-# --- other sensor models ----------------------------------------------------------------------------------------------
-
-
-class PostModel:
-    """Range and bearing of posts that look all the same: each particle takes the most likely one (equations 4 and 5 of
-    Schulz and Behnke 2012), with a uniform floor for false ones (equation 8).
-    """
-
-    def log_likelihoods(self, view: FloatArray, poses: FloatArray) -> FloatArray:
-        """view (M, 2): range (m), bearing (rad)."""
-        away = POSTS - poses[:, None, :2]
-        ranges_m = np.hypot(away[..., 0], away[..., 1])
-        bearings = np.arctan2(away[..., 1], away[..., 0]) - poses[:, None, 2]
-        found = np.zeros(len(poses))
-        for seen_m, seen_rad in view:
-            turned = np.angle(np.exp(1j * (bearings - seen_rad)))
-            errors = ((ranges_m - seen_m) / (0.05 + 0.1 * seen_m)) ** 2 + (turned / 0.1) ** 2
-            found += np.log(0.05 + 0.95 * np.exp(-0.5 * errors.min(axis=1)))
-        return found
-
-
-def test_the_same_filter_localizes_by_posts_instead_of_line_points() -> None:
-    pose = Pose(3.0, 1.5, 0.4)
-    rng = np.random.default_rng(5)
-    made: ParticleFilter[FloatArray] = ParticleFilter(
-        ParticleSet(about(pose).draw(rng, 1000)), MotionModel(), PostModel(), Resampling(0.5, CertaintyNumber()), rng
-    )
-    away = pose.inverse().transform(POSTS)
-    for _ in range(20):
-        polar = np.column_stack((np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0])))
-        made.predict(STILL)
-        made.update(polar + rng.normal(0.0, 0.03, polar.shape))
-    assert made.estimate().pose.distance_to(pose) < 0.3
-    assert made.estimate().pose.heading == pytest.approx(pose.heading, abs=0.1)

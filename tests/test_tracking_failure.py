@@ -6,8 +6,6 @@ import math
 
 import pytest
 
-from touchline.geometry import wrap_angle
-from touchline.published.nubot import compass_correction, failure
 from touchline.published.nubot.compass_correction import CompassCorrection
 from touchline.published.nubot.failure import FailureDetector, FailurePaper, FailureSettings
 
@@ -50,12 +48,6 @@ def test_a_second_without_odometry_means_failure_by_itself() -> None:
     assert not FailureDetector(PAPERS_RULE).update(60, GOOD, STRAIGHT, missing_s=9.0)
 
 
-def test_a_covered_frame_counts_among_the_bad_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(failure, "BLIND_FRAMES", 5)
-    frames = [(60, POOR, ASTRAY)] * 2 + [(0, math.nan, STRAIGHT)] + [(60, AWFUL, STRAIGHT)] * 2
-    assert judged(FailureDetector(), *frames) == [False, False, False, False, True]
-
-
 def suspicions(detector: FailureDetector, *frames: tuple[int, float, float | None]) -> list[int]:
     """In which of the frames it is time to look for a better place."""
     found = []
@@ -65,20 +57,10 @@ def suspicions(detector: FailureDetector, *frames: tuple[int, float, float | Non
     return found
 
 
-def test_a_suspect_deviation_calls_for_a_second_opinion_every_five_frames() -> None:
+def test_a_suspect_deviation_calls_for_a_second_opinion() -> None:
     assert suspicions(FailureDetector(), *[(60, 0.2, STRAIGHT)] * 12) == [4, 9]
     assert suspicions(FailureDetector(), *[(60, 0.2, None)] * 4, (60, GOOD, None), *[(60, 0.2, None)] * 4) == []
     assert suspicions(FailureDetector(PAPERS_RULE), *[(60, 0.2, STRAIGHT)] * 12) == []
-
-
-def test_a_right_pose_among_clutter_is_never_failed_for_its_deviation_alone() -> None:
-    assert not any(judged(FailureDetector(), *[(60, 0.25, STRAIGHT)] * 50))
-
-
-def test_the_papers_rule_alone_is_a_setting_away() -> None:
-    detector = FailureDetector(PAPERS_RULE)
-    assert not any(judged(detector, *[(60, AWFUL, STRAIGHT)] * 20, *[(0, math.nan, None)] * 20))
-    assert judged(detector, *[(60, POOR, ASTRAY)] * 5)[-1]
 
 
 def test_after_a_reset_the_count_starts_anew() -> None:
@@ -91,22 +73,13 @@ def test_after_a_reset_the_count_starts_anew() -> None:
     assert not detector.update(0, math.nan, None)
 
 
-def test_the_compass_is_corrected_after_five_good_frames_in_a_row() -> None:
+def test_the_compass_is_corrected_after_five_good_frames() -> None:
     one = CompassCorrection()
     corrected = [one.update(GOOD, 1.0, 0.9) for _ in range(4)]
     assert corrected == [False] * 4
     assert one.offset_rad == 0.0
     assert one.update(GOOD, 1.0, 0.9)
     assert one.offset_rad == pytest.approx(0.2 * 0.1)
-
-
-def test_the_offset_settles_at_the_difference_across_half_a_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compass_correction, "GOOD_FRAMES", 1)
-    one = CompassCorrection()
-    for _ in range(60):
-        one.update(GOOD, -math.pi + 0.05, math.pi - 0.05)
-    assert one.offset_rad == pytest.approx(0.1, abs=1e-4)
-    assert abs(wrap_angle(one.heading(math.pi - 0.05) - (-math.pi + 0.05))) < 1e-4
 
 
 def test_a_poor_frame_or_a_gap_starts_the_count_anew() -> None:
@@ -118,7 +91,7 @@ def test_a_poor_frame_or_a_gap_starts_the_count_anew() -> None:
     assert one.offset_rad == 0.0
 
 
-def test_half_a_turn_from_the_compass_is_bad_however_well_the_lines_fit() -> None:
+def test_half_a_turn_from_the_compass_is_bad() -> None:
     """At the other end of a symmetric field the lines fit perfectly."""
     detector = FailureDetector()
     assert [detector.update(100, 0.01, math.pi - 0.1) for _ in range(5)] == [False] * 4 + [True]
@@ -126,7 +99,7 @@ def test_half_a_turn_from_the_compass_is_bad_however_well_the_lines_fit() -> Non
     assert not any(paper.update(100, 0.01, math.pi - 0.1) for _ in range(20))
 
 
-def test_the_compass_is_never_corrected_to_the_wrong_end_of_the_field() -> None:
+def test_the_compass_is_never_corrected_to_the_wrong_end() -> None:
     one = CompassCorrection()
     assert not any(one.update(0.01, math.pi - 0.2, 0.0) for _ in range(20))
     assert one.offset_rad == 0.0

@@ -120,7 +120,7 @@ def calibrate_perspective_lines(
         )
     camera = camera_at(model, work.size, best.fit.state)
     found = PerspectiveLines(camera, best.fit, best.images, tuple(best.seen[k] for k in best.images))
-    _check(found, len(images))
+    check(found, len(images))
     return found
 
 
@@ -258,7 +258,7 @@ def _names(parameters: Sequence[int]) -> str:
     return listed([NAMES[k] for k in parameters])
 
 
-def _check(found: PerspectiveLines, images: int) -> None:
+def check(found: PerspectiveLines, images: int) -> None:
     """Raises NoFitError, naming what so many images leave open."""
     on_lines = float(np.mean(found.fit.on_lines))
     if on_lines < MIN_ON_LINES or len(found.used) < MIN_USED * images:

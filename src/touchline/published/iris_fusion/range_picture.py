@@ -56,12 +56,14 @@ class _Chart:
         room = 0.05 * np.maximum(self.high - self.low, 1e-6)
         self.low, self.high = self.low - room, self.high + room
         self.canvas: ImageArray = np.full((_HEIGHT_PX, _WIDTH_PX, 3), 255, np.uint8)
-        for tick in np.linspace(self.low, self.high, _TICKS):
-            u, v = self._pixels([tick])[0] >> SHIFT
-            cv2.line(self.canvas, (int(u), _MARGIN_PX // 2), (int(u), _HEIGHT_PX - _MARGIN_PX), _GRID, 1)
-            cv2.line(self.canvas, (_MARGIN_PX, int(v)), (_WIDTH_PX - _MARGIN_PX // 2, int(v)), _GRID, 1)
-            self._words(f"{tick[0]:.4g}", int(u) - 20, _HEIGHT_PX - _MARGIN_PX + 20)
-            self._words(f"{tick[1]:.3g}", 10, int(v) + 5)
+        for tick in _ticks(self.low[0], self.high[0]):
+            u = int(self._pixels([(tick, self.low[1])])[0, 0] >> SHIFT)
+            cv2.line(self.canvas, (u, _MARGIN_PX // 2), (u, _HEIGHT_PX - _MARGIN_PX), _GRID, 1)
+            self._words(f"{tick:g}", u - 10, _HEIGHT_PX - _MARGIN_PX + 20)
+        for tick in _ticks(self.low[1], self.high[1]):
+            v = int(self._pixels([(self.low[0], tick)])[0, 1] >> SHIFT)
+            cv2.line(self.canvas, (_MARGIN_PX, v), (_WIDTH_PX - _MARGIN_PX // 2, v), _GRID, 1)
+            self._words(f"{tick:g}", 10, v + 5)
         self._words(across, _WIDTH_PX // 2 - 40, _HEIGHT_PX - 15)
         self._words(up, 10, 22)
 
@@ -81,6 +83,13 @@ class _Chart:
         size = np.array([_WIDTH_PX - 1.5 * _MARGIN_PX, _HEIGHT_PX - 1.5 * _MARGIN_PX])
         u, v = (size * (np.asarray(points) - self.low) / (self.high - self.low)).T
         return fixed_point(np.column_stack((_MARGIN_PX + u, _HEIGHT_PX - _MARGIN_PX - v)), 1.0)
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Round numbers between two others, about five."""
+    power = 10.0 ** np.floor(np.log10((high - low) / _TICKS))
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if (high - low) / (factor * power) <= _TICKS)
+    return [round(float(step * k), 9) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
 def _over_image(regression: RangeRegression, name: str, image: ImageArray) -> ImageArray:
@@ -105,7 +114,8 @@ def _over_image(regression: RangeRegression, name: str, image: ImageArray) -> Im
         if ring_px - named_px > 0.03 * image.shape[0]:
             named_px = ring_px
             place = (at(ring_px, [free_rad])[0] >> SHIFT).tolist()
-            cv2.putText(canvas, f"{ring_m:g} m", place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+            for paint, width in ((_INK, 4), ((255, 255, 255), 1)):  # legible on white lines, too
+                cv2.putText(canvas, f"{ring_m:g} m", place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, paint, width, cv2.LINE_AA)
     here = np.array([file == name for file in pairs.files])
     angles = pairs.angle_rad[here]
     for place in (at(pairs.radius_px[here], angles) >> SHIFT).tolist():
