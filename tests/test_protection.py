@@ -7,7 +7,7 @@ import pytest
 from fakes import STEP_NS, true_samples
 
 from touchline.evaluation.metrics import error_table
-from touchline.evaluation.protection import ProtectionStatistics, protection_text, stanford_diagram
+from touchline.evaluation.protection import protection_text, stanford_diagram
 from touchline.types import Samples
 
 ERRORS = np.array([0.01, -0.02, 0.2, 0.7, 0.7, 2.0, 0.1, 0.1])
@@ -30,16 +30,6 @@ def test_images_fall_in_the_regions_of_the_diagram() -> None:
 def test_without_any_level_nothing_is_bounded() -> None:
     counts = stanford_diagram(ERRORS, np.full(8, np.nan))[1]
     assert (counts.images, counts.bounded, counts.misleading, np.isnan(counts.median)) == (8, 0, 0, True)
-    assert counts.misleading_rate_bound() == 1.0
-
-
-def test_the_rate_that_no_misleading_image_leaves_possible() -> None:
-    def bound(misleading: int, images: int) -> float:
-        return ProtectionStatistics(images, images, misleading, 0, 0, 0.1, 0.5).misleading_rate_bound()
-
-    assert bound(0, 1000) == pytest.approx(1.0 - 0.05 ** (1.0 / 1000), rel=1e-6)
-    assert bound(1, 1000) == pytest.approx(0.00473, rel=0.01)
-    assert bound(5, 5) == 1.0
 
 
 def test_the_error_table_tells_how_often_levels_are_exceeded() -> None:

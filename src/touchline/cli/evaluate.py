@@ -45,15 +45,15 @@ def compare(
 
     touchline compare runs/match-1 runs/match-2 -o compared.html
     """
+    from touchline.evaluation.compare import COLUMNS, comparison_page, parting_lines
     from touchline.evaluation.compare import compare as compared_runs
 
     if output is not None:
         check_new_file(output, (".html", ".htm"), "a page")
     compared = compared_runs(runs)
-    from touchline.evaluation.compare import comparison_page, parting_lines
-
+    rows = ((name, *values) for name, values in compared.figures())
     out = console()
-    out.print(_figures(compared), soft_wrap=False)
+    out.print(plain_table("run", *COLUMNS, rows=rows, overflow="fold"), soft_wrap=False)
     if compared.why_no_truth:
         out.print(f"no errors: {compared.why_no_truth}", style="dim")
     out.print(_differences(compared), soft_wrap=False)
@@ -62,13 +62,6 @@ def compare(
     if output is not None:
         write_new_file(output, comparison_page(compared).encode(errors="replace"))
         out.print(f"page: {output}")
-
-
-def _figures(compared: Comparison) -> Table:
-    from touchline.evaluation.compare import COLUMNS, UNITS
-
-    titles = (f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True))
-    return plain_table("run", *titles, rows=((name, *values) for name, values in compared.figures()), overflow="fold")
 
 
 def _differences(compared: Comparison) -> Table | str:

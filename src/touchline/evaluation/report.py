@@ -74,7 +74,7 @@ def write_report(
         has_images=bool(thumbnails),
         columns=list(COLUMNS),
         error_rows=rows,
-        pictures=[(picture, source) for picture in pictures if (source := _jpeg(picture.image))],
+        pictures=[(picture, _jpeg(picture.image)) for picture in pictures],
         said=[(said_text(one), one.code) for one in summary.said],
         settings=leaves(summary.settings),
     )
@@ -182,10 +182,6 @@ def path_key(data: RunData) -> list[tuple[str, str]]:
 
 
 def _jpeg(image: ImageArray) -> str:
-    """An image as the source of one, empty if it cannot be."""
-    done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return _source("jpeg", code.tobytes()) if done else ""
-
-
-def _source(kind: str, data: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+    """An image as the source of one."""
+    code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
+    return f"data:image/jpeg;base64,{base64.b64encode(code.tobytes()).decode('ascii')}"
