@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.console import announce_compiling, errors_console, say
+from touchline.cli.console import errors_console, say, steps_shown
 from touchline.cli.options import (
     BagBase,
     BagCamera,
@@ -84,23 +84,15 @@ def season(
 def _with_progress(
     recordings: list[str], output: str, command: Command, parquet: bool, where: tuple[int, str | None]
 ) -> list[Row]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from touchline.evaluation.workers import open_workers
     from touchline.season import localize_all
 
     load_loops_lean()
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with (
-        Progress(*columns, console=errors_console()) as progress,
-        announce_compiling(progress.console.print),
-        open_workers(*where) as workers,
-    ):
-        task = progress.add_task("recordings", total=len(recordings))
+    with steps_shown("recordings", len(recordings), compiles=True) as advance, open_workers(*where) as workers:
 
         def on_row(row: Row, left: int) -> None:
-            progress.update(task, completed=len(recordings) - left)
-            progress.console.print(line_of(row), markup=False, highlight=False)
+            advance(completed=len(recordings) - left)
+            errors_console().print(line_of(row))
 
         return localize_all(recordings, output, command, workers, on_row, parquet)
 
