@@ -16,7 +16,6 @@ from touchline.messages import counted
 
 if TYPE_CHECKING:
     from touchline.checks.findings import Finding
-    from touchline.sources import Recording
 
 _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 _PIPE_WIDTH = 400
@@ -36,11 +35,13 @@ def check(
 
     Exit status 0: nothing worse than warnings. 1: errors, which will spoil the localization. 2: it can't be read.
     """
+    from touchline.checks.check import check_recording, steps
     from touchline.checks.findings import Severity
     from touchline.sources import open_source
 
     source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late))
-    findings = _check_with_progress(source)
+    with steps_shown("reading", steps(source)) as advance:
+        findings = check_recording(source, advance)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
     worst_first = tuple(reversed(counts.items()))
     if json:
@@ -51,13 +52,6 @@ def check(
         say(f"{source.name}: {counted(len(source), 'image')}, {words}")
     if counts["error"]:
         raise typer.Exit(1)
-
-
-def _check_with_progress(source: Recording) -> list[Finding]:
-    from touchline.checks.check import check_recording, steps
-
-    with steps_shown("reading", steps(source)) as advance:
-        return check_recording(source, advance)
 
 
 def _table(findings: list[Finding]) -> Table:
