@@ -120,13 +120,11 @@ def shown_progress(name: str, begins: str) -> Iterator[Callable[[str], None]]:
         yield report
 
 
-def print_errors(errors: ErrorTable, tracked: Iterable[tuple[str, list[str]]] = ()) -> None:
-    """The error statistics, cm and degrees, and what was left out of them. tracked: rows of tracked images alone."""
+def print_errors(errors: ErrorTable) -> None:
+    """The error statistics, cm and degrees, and what was left out of them."""
     from touchline.evaluation.metrics import COLUMNS
 
-    output().print(
-        plain_table("error", *COLUMNS, rows=((name, *values) for name, values in (*tracked, *errors.rows())))
-    )
+    output().print(plain_table("error", *COLUMNS, rows=((name, *values) for name, values in errors.rows())))
     say(*errors.notes(), style="dim")
 
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from touchline.api import PreparedRun
     from touchline.evaluation import Run
     from touchline.evaluation.summary import RunSummary
-    from touchline.field import FieldModel
     from touchline.geometry import Pose
 
 EXAMPLE = "omni_msl_track_short"
@@ -152,7 +151,7 @@ def execute(
     with steps_shown(source.name, len(source), compiles=True) as advance, interruptible() as stop:
         wanted = (lambda summary: True) if with_report else None
         finished, failure = prepared.execute(folder, on_frame=[advance], stop=stop, report=wanted)
-    print_run(finished, source.field)
+    print_run(finished)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
             raise failure
@@ -180,16 +179,14 @@ def warn_of(prepared: PreparedRun) -> None:
         warn(f"warning: {notice}")
 
 
-def print_run(finished: Run, field: FieldModel) -> None:
+def print_run(finished: Run) -> None:
     """The error table, rates, problems and where the report is."""
-    from touchline.evaluation.report import other_side_text, tracked_rows
-    from touchline.evaluation.run_data import RunData
+    from touchline.evaluation.report import other_side_text
     from touchline.evaluation.runner import said_text
 
     summary = finished.summary
     if finished.errors is not None:
-        data = RunData(finished.estimates, field, finished.truth, finished.black_ns())
-        print_errors(finished.errors, tracked_rows(data.tracked_errors()))
+        print_errors(finished.errors)
     else:
         say(f"no errors to show: {finished.why_no_errors}")
     _print_speed(summary)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.metrics import Errors, ErrorStatistics, signed_errors, within
+from touchline.evaluation.metrics import Errors, signed_errors, within
 from touchline.evaluation.summary import SaidPhrase
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray
@@ -74,21 +74,6 @@ class RunData:
         """Time since the first frame (s)."""
         start = self.table.trajectory.stamp_ns[0] if len(self.table) else 0
         return (stamp_ns - start) / 1e9
-
-    def tracked_errors(self) -> dict[str, ErrorStatistics] | None:
-        """Errors of x, y, position (m) and heading (rad) of the frames that were tracked, black ones left out; None if
-        there are none, or if they are all that count.
-        """
-        errors = self.errors_since_located()
-        if errors is None:
-            return None
-        counted = ~within(errors.stamp_ns, self.black_ns)
-        tracked = counted & self.table.has_status(Status.TRACKING)[errors.rows]
-        if not tracked.any() or tracked.sum() == counted.sum():
-            return None
-        x, y, heading = errors.values[tracked].T
-        named = {"x": x, "y": y, "position": np.hypot(x, y), "heading": heading}
-        return {name: ErrorStatistics.of(values) for name, values in named.items()}
 
     def happened(self) -> list[Event]:
         """What the recording tells, in the order of time; where it tells no kidnap, those that the truth shows."""
