@@ -88,9 +88,6 @@ def test_a_first_start_says_once_what_it_waits_for() -> None:
     with announce_compiling(said.append):
         twice(2)
     assert len(said) == 1
-    thrice = numba.njit(lambda x: x + x + x)
-    thrice(1)  # by a library's user, whose Numba is as it was
-    assert any("@cfunc." in code for code in thrice.inspect_llvm().values())
 
 
 def test_a_read_only_package_folder_is_no_obstacle(tmp_path: Path) -> None:
