@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from touchline.live.loop import LiveLoop
     from touchline.live.ros_link import RosRobot
     from touchline.live.ros_node import RosNode
+    from touchline.live.state_file import StateFile
     from touchline.live.udp import UdpRobot
     from touchline.localizer import Localizer
     from touchline.sources import Recording
@@ -140,6 +141,7 @@ def live(
     """Localise a running robot: images and sensors come, poses go, by UDP or ROS 2. Ctrl-C ends it."""
     from touchline.api import settings_given
     from touchline.live.loop import LiveLoop
+    from touchline.live.state_file import StateFile, resume
     from touchline.localizer import Localizer
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
@@ -155,13 +157,14 @@ def live(
     chosen = settings_given(system_info(name), config, settings or (), None)
     localizer = Localizer(field, camera, name, _pair(wheels, "--wheels"), chosen)
     if state is not None:
-        from touchline.live.state_file import resume
-
         errors_console().print(resume(state, localizer))
     begin(localizer, start, own_half)
     opened = open_link(choice, localizer)
     if device is not None:
-        opened = _with_camera(opened, device)
+        from touchline.live.camera_device import WithCamera
+        from touchline.sources.uvc_camera import UvcCamera
+
+        opened = WithCamera(opened, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
     if game_controller:
         from touchline.live.game_controller import GameController, WithGameController
 
@@ -174,9 +177,8 @@ def live(
         announce_compiling(console.print),
         interruptible() as stop,
     ):
-        shown = _Shown()
-        on_published = shown.take if state is None else _kept_in(state, localizer, shown.take)
-        loop = LiveLoop(opened, localizer, on_published, team_evidence, mates or ())
+        kept = None if state is None else StateFile(state, localizer)
+        loop = LiveLoop(opened, localizer, _Shown(kept).take, team_evidence, mates or ())
         silence = _Silence(loop, opened, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
         refused, around = opened.refused, silence.received()
@@ -208,8 +210,8 @@ class LinkChoice(NamedTuple):
     def require_own_options(self) -> None:
         """Raises InputError for an option of another link, which would be ignored."""
         of_udp: dict[str, object] = {"--listen": self.listen, "--to": self.to}
-        of_ros = {"--topic": self.topics, "--base": self.base, "--late": self.late_ms, "--namespace": self.namespace}
-        for link, values in {"udp": of_udp, "ros": of_ros}.items():
+        of_ros: dict[str, object] = {"--topic": self.topics, "--base": self.base, "--late": self.late_ms}
+        for link, values in (("udp", of_udp), ("ros", of_ros | {"--namespace": self.namespace})):
             wrong = next((option for option, value in values.items() if value), None)
             if wrong is not None and link != self.link:
                 raise InputError(f"{wrong}: is an option of {link}")
@@ -247,26 +249,6 @@ def _ros_node(name: str, namespace: str = "") -> RosNode:
     from touchline.live.ros_node import RosNode
 
     return RosNode(name, namespace)
-
-
-def _with_camera(link: Link, device: str) -> Link:
-    from touchline.live.camera_device import WithCamera
-    from touchline.sources.uvc_camera import UvcCamera
-
-    return WithCamera(link, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
-
-
-def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]) -> Callable[[Published], None]:
-    """Shows an estimate, and keeps it."""
-    from touchline.live.state_file import StateFile
-
-    kept = StateFile(path, localizer)
-
-    def take(published: Published) -> None:
-        show(published)
-        kept.take(published.estimate, published.map_from_odom)
-
-    return take
 
 
 def _as_namespace(text: str) -> str:
@@ -364,15 +346,18 @@ class _Silence:
 
 
 class _Shown:
-    """A line on the terminal now and then."""
+    """A line on the terminal now and then; what is tracked is kept, too, where a file is named."""
 
-    def __init__(self) -> None:
+    def __init__(self, kept: StateFile | None) -> None:
+        self._kept = kept
         self._last_s = 0.0
         self._shown_s: dict[str, float] = {}
 
     def take(self, published: Published) -> None:
         """One estimate of an image."""
         estimate, now_s = published.estimate, time.monotonic()
+        if self._kept is not None:
+            self._kept.take(estimate, published.map_from_odom)
         for problem in estimate.problems:
             alike = without_numbers(problem.sentence)
             if now_s - self._shown_s.get(alike, -math.inf) > _REPEAT_S:

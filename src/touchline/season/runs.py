@@ -99,21 +99,18 @@ def localize_all(
         _check_same(known, table)
         names = folder_names(recordings, {row["recording"]: name for name, row in table.rows.items()})
         prints = {recording: fingerprint(recording) for recording in recordings}
+        done = {name for name, row in table.rows.items() if not row["failure"] and row["inputs"]}
         tasks = [
             Task(recording, f"{place}/{name}", command)
             for recording, name in zip(recordings, names, strict=True)
-            if not _is_done(table.rows.get(name), prints[recording])
+            if name not in done or table.rows[name]["inputs"] != prints[recording]
         ]
-        for done, row in enumerate(workers.map(localize_one, tasks, ordered=False), start=1):
+        for finished, row in enumerate(workers.map(localize_one, tasks, ordered=False), start=1):
             row |= {"inputs": prints[row["recording"]], "command": json.dumps(known)}
             table.rows[row["run"]] = row
             table.write(names)
-            on_row(row, len(tasks) - done)
+            on_row(row, len(tasks) - finished)
         return [table.rows[name] for name in names]
-
-
-def _is_done(row: Row | None, inputs: str) -> bool:
-    return row is not None and not row["failure"] and row["inputs"] == inputs != ""
 
 
 def _check_same(command: Mapping[str, Any], table: Table) -> None:
