@@ -229,7 +229,7 @@ def test_a_store_that_nothing_is_installed_for_is_told_before_the_work(
         (["--set", "nosuch=1"], "unknown setting 'nosuch'"),
         (["--preset", "paperr"], "no preset 'paperr'"),
         (["--system", "nosuch"], "unknown system 'nosuch'"),
-        (["--report", "some"], "--report some: expected one of all, failed, none"),
+        (["--report", "some"], "'some' is not one of 'all', 'failed', 'none'"),
     ],
 )
 def test_a_mistake_in_the_command_is_told_once(

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from touchline.checks.findings import Finding
 
 _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
-_PIPE_WIDTH = 400
 
 
 def check(
@@ -47,7 +46,7 @@ def check(
     if json:
         print_json({"recording": source.name, "counts": counts, "findings": [asdict(one) for one in findings]})
     else:
-        wide_output(_PIPE_WIDTH).print(_table(findings), soft_wrap=False)
+        wide_output().print(_table(findings), soft_wrap=False)
         words = ", ".join(f"{count} ok" if name == "ok" else counted(count, name) for name, count in worst_first)
         say(f"{source.name}: {counted(len(source), 'image')}, {words}")
     if counts["error"]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import ErrorTable
 
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
-_MIN_COLUMNS, _USUAL_COLUMNS, _PIPE_WIDTH = 20, 80, 200  # columns of a terminal
+_MIN_COLUMNS, _USUAL_COLUMNS, _PIPE_WIDTH = 20, 80, 400  # columns of a terminal
 _LINE_EVERY_S = 10.0
 
 
@@ -40,11 +40,11 @@ def output() -> Console:
     return console
 
 
-def wide_output(width: int = _PIPE_WIDTH) -> Console:
+def wide_output() -> Console:
     """The same; where it is no terminal, so wide that each row of a table is one line, for grep."""
     console = output()
     if not console.is_terminal:
-        console.width = width
+        console.width = _PIPE_WIDTH
     return console
 
 

@@ -144,8 +144,12 @@ def execute(
 ) -> None:
     """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished."""
     from touchline.evaluation.run_folder import new_folder
+    from touchline.sources import ProblemKind
 
-    warn_of(prepared)
+    first = ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC
+    problems = [problem for problem in prepared.source.problems if problem.kind in first]
+    for notice in (*problems, *prepared.notices):
+        warn(f"warning: {notice}")
     source = prepared.source
     folder = new_folder(output, name or source.name)
     with steps_shown(source.name, len(source), compiles=True) as advance, interruptible() as stop:
@@ -167,16 +171,6 @@ def execute(
     elif not finished.summary.status["tracking"]:
         why = finished.summary.why_not_localised or f"`touchline check {source.path}` may tell why"
         raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
-
-
-def warn_of(prepared: PreparedRun) -> None:
-    """Say what the user should know before a run."""
-    from touchline.sources import ProblemKind
-
-    first = ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC
-    problems = [problem for problem in prepared.source.problems if problem.kind in first]
-    for notice in (*problems, *prepared.notices):
-        warn(f"warning: {notice}")
 
 
 def print_run(finished: Run) -> None:
