@@ -348,7 +348,7 @@ class _Silence:
 class _Shown:
     """A line on the terminal now and then; what is tracked is kept, too, where a file is named."""
 
-    def __init__(self, kept: StateFile | None) -> None:
+    def __init__(self, kept: StateFile | None = None) -> None:
         self._kept = kept
         self._last_s = 0.0
         self._shown_s: dict[str, float] = {}

@@ -33,11 +33,17 @@ _COUNTS = {
     "end_open_images": "either_side.count",
 }
 _FIGURES = {
-    **{"duration_s": "duration_s", "rate_images_s": "rate_fps"},
-    **{f"time_{name}_ms": f"latency_ms.total.{name}" for name in ("median", "p99")},
-    **{f"position_{name}_m": f"errors.position_m.{name}" for name in ("mean", "median", "max")},
-    **{f"heading_{name}_rad": f"errors.heading_rad.{name}" for name in ("mean", "max")},
-    **{f"tracked_position_{name}_m": f"errors.tracked_position_m.{name}" for name in ("mean", "max")},
+    "duration_s": "duration_s",
+    "rate_images_s": "rate_fps",
+    "time_median_ms": "latency_ms.total.median",
+    "time_p99_ms": "latency_ms.total.p99",
+    "position_mean_m": "errors.position_m.mean",
+    "position_median_m": "errors.position_m.median",
+    "position_max_m": "errors.position_m.max",
+    "heading_mean_rad": "errors.heading_rad.mean",
+    "heading_max_rad": "errors.heading_rad.max",
+    "tracked_position_mean_m": "errors.tracked_position_m.mean",
+    "tracked_position_max_m": "errors.tracked_position_m.max",
 }
 COLUMNS = (*_TEXTS[:7], *_COUNTS, *_FIGURES, *_TEXTS[7:])
 
