@@ -18,7 +18,6 @@ from test_compare import Shifted, made
 
 from touchline.evaluation.compare import compare, comparison_page
 from touchline.evaluation.estimates import read_estimates
-from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.report import write_report
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import RunFolder
@@ -137,8 +136,7 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
         source = FakeSource(COUNT, black=(60, 61))
         tally = run_frames(source, WatchedSystem(np.random.default_rng(0)), writer)
     table, truth = read_estimates(folder / "estimates.csv"), true_samples(COUNT)
-    errors = signed_errors(table.trajectory, truth)
-    data = RunData(table, open_field("msl-18x12"), truth, errors, tally.black_ns, [{"t": 6.2, "kind": "kidnap"}],
+    data = RunData(table, open_field("msl-18x12"), truth, tally.black_ns, [{"t": 6.2, "kind": "kidnap"}],
                    tally.summary().said)  # fmt: skip
     jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 90, np.uint8))[1].tobytes()
     small = [Thumbnail(int(table.trajectory.stamp_ns[row]), jpeg) for row in range(0, COUNT, 4)]

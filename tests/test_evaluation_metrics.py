@@ -68,8 +68,8 @@ def test_frames_in_which_the_robot_is_lost_count_and_a_row_is_without_them() -> 
     assert (table.position.max, table.heading.max) == pytest.approx((5.0, 2.0))
     assert table.tracked_position is not None
     assert (table.tracked_position.mean, table.tracked_position.max) == pytest.approx((0.02 / 3.0, 0.01))
-    assert table.rows()[-1][0] == "position, tracked (cm)"
-    assert table.rows()[-1][1][-1] == "1.00"
+    assert table.rows()[2][0] == "position, tracked (cm)"
+    assert table.rows()[2][1][-1] == "1.00"
     assert "5 frames counted (in 2 the robot was lost or searched for); left out: 1 before the first" in str(table)
     assert table.as_dict()["tracked_position_m"]["max"] == pytest.approx(0.01)
     assert table.as_dict()["lost"] == 2

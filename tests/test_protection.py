@@ -21,16 +21,6 @@ def test_images_without_a_level_are_unavailable_and_never_misleading() -> None:
     assert counts.median == pytest.approx(0.1)
     counts = ProtectionStatistics.of(errors, np.full(8, np.nan), 0.5)
     assert (counts.images, counts.bounded, counts.misleading, np.isnan(counts.median)) == (8, 0, 0, True)
-    assert counts.misleading_rate_bound() == 1.0
-
-
-def test_the_rate_that_no_misleading_image_leaves_possible() -> None:
-    def bound(misleading: int, images: int) -> float:
-        return ProtectionStatistics(images, images, misleading, 0, 0, 0.1, 0.5).misleading_rate_bound()
-
-    assert bound(0, 1000) == pytest.approx(1.0 - 0.05 ** (1.0 / 1000), rel=1e-6)
-    assert bound(1, 1000) == pytest.approx(0.00473, rel=0.01)
-    assert bound(5, 5) == 1.0
 
 
 def test_the_error_table_tells_how_often_levels_are_exceeded() -> None:

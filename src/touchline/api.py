@@ -17,7 +17,6 @@ from touchline.checks.slips import find_slips
 from touchline.config import PAPER, Settings, load_settings, preset_values, settings_tree
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.latency import cpu_name
-from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
 from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_frames
@@ -302,9 +301,7 @@ def _write_report(finished: Run, source: Recording, tally: RunTally, system: Loc
     from touchline.evaluation.run_data import RunData
     from touchline.view.run_pictures import run_pictures, thumbnails
 
-    truth, trajectory = finished.truth, finished.estimates.trajectory
-    errors = None if truth is None else signed_errors(trajectory, truth)
-    said = finished.summary.said
-    data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns(), source.events, said)
+    said, black_ns = finished.summary.said, finished.black_ns()
+    data = RunData(finished.estimates, source.field, finished.truth, black_ns, source.events, said)
     pictures = run_pictures(source, tally, system)
     write_report(finished.folder, finished.summary, data, finished.errors, pictures, thumbnails(source, tally))

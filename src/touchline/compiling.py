@@ -1,7 +1,5 @@
 """Numba as the commands and their workers set it; importing Touchline does none of this (but see `packed_loops`)."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -10,28 +8,11 @@ _BITCODE = "_touchline_bitcode"
 
 def leave_out_c_wrappers() -> None:
     """From now on loops are compiled without what C would call them by, which takes 7 % of the time: nobody does."""
-    option = _c_wrappers_option()
-    if option is not None:
-        option._default = True
-
-
-@contextmanager
-def without_c_wrappers() -> Iterator[None]:
-    """The same for as long as the block lasts."""
-    option = _c_wrappers_option()
-    before = None if option is None else option._default
-    leave_out_c_wrappers()
-    try:
-        yield
-    finally:
-        if option is not None:
-            option._default = before
-
-
-def _c_wrappers_option() -> Any:
     from numba.core.compiler import Flags
 
-    return Flags.options.get("no_cfunc_wrapper")
+    option = Flags.options.get("no_cfunc_wrapper")
+    if option is not None:
+        option._default = True
 
 
 @cache

@@ -27,13 +27,6 @@ def given_path(what: str, expected: str, value: object) -> Path:
     return path
 
 
-def given_name(what: str, expected: str, value: object) -> str:
-    """A name. Raises InputError for what is no text."""
-    if not isinstance(value, str):
-        raise refused(what, expected, value)
-    return value
-
-
 def given_seed(value: object) -> int:
     """A seed. Raises InputError for what is no whole number from 0 on."""
     try:

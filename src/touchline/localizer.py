@@ -453,14 +453,12 @@ class Localizer:
 
     def _count_samples(self) -> None:
         """What the motion history left out."""
-        for sensor, count in self._history.dropped.items():
-            if count:
-                what = f"{sensor}: a sample that was not newer than the one before, left out"
-                self._counts.reach(ProblemCode.SAMPLE_OLD, what, count)
-        for sensor, count in self._history.refused.items():
-            if count:
-                what = f"{sensor}: a sample stamped far ahead of everything else, refused"
-                self._counts.reach(ProblemCode.SAMPLE_AHEAD, what, count)
+        old = self._history.dropped, ProblemCode.SAMPLE_OLD, "that was not newer than the one before, left out"
+        ahead = self._history.refused, ProblemCode.SAMPLE_AHEAD, "stamped far ahead of everything else, refused"
+        for counts, code, what in (old, ahead):
+            for sensor, count in counts.items():
+                if count:
+                    self._counts.reach(code, f"{sensor}: a sample {what}", count)
 
     def _finished(self, estimate: Estimate) -> Estimate:
         """The estimate, with what was wrong since the one before."""

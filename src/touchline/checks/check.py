@@ -16,7 +16,7 @@ from touchline.sources.folder import Recording
 Check = Callable[[Survey], Iterable[Finding]]
 
 CHECKS: list[Check] = [
-    slips.check_slips,
+    lambda survey: slips.find_slips(survey.recording),
     images.check_readable,
     images.check_observations,
     images.check_image_times,

@@ -12,7 +12,6 @@ import numpy as np
 
 from touchline.camera import is_perspective
 from touchline.checks.findings import Finding, Severity
-from touchline.checks.survey import Survey
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
@@ -54,13 +53,8 @@ class _Head(NamedTuple):
     unit: str | None
 
 
-def check_slips(survey: Survey) -> Iterator[Finding]:
-    """What is in another unit than the format says, and images without colour."""
-    yield from find_slips(survey.recording)
-
-
 def find_slips(recording: Recording) -> list[Finding]:
-    """As `check_slips`, without a survey."""
+    """What is in another unit than the format says, and images without colour."""
     heads = {name: head for name in SENSOR_COLUMNS if (head := _head(recording, name)) is not None}
     of_tables = (_times(recording, heads), _angles(heads), _leans(heads), _lengths(heads))
     return [*chain(*of_tables, *(find(recording) for find in (_points, _ranges, _mounts, _colours)))]

@@ -34,13 +34,6 @@ Mask = ByteArray
 GrayArray = npt.NDArray[Any]  # what OpenCV's type hints return for uint8
 
 
-class Exposure(NamedTuple):
-    """Of the green channel inside the mask: mean (0..255) and the fraction of saturated pixels."""
-
-    mean: float
-    saturated: float
-
-
 class Rim(NamedTuple):
     """A circle fitted to the edge of the mirror's disc. support: fraction of the rays that agree within 1.5 px."""
 
@@ -57,11 +50,11 @@ def ring_mask(width: int, height: int, center: tuple[float, float], inner_px: fl
     return np.where((radius > inner_px) & (radius < outer_px), 255, 0).astype(np.uint8)
 
 
-def measure_exposure(image: ImageArray, mask: Mask) -> Exposure:
-    """Brightness of an image, uint8 (H, W, 3), where the mask is set."""
+def measure_exposure(image: ImageArray, mask: Mask) -> tuple[float, float]:
+    """Of the green channel of an image, uint8 (H, W, 3), where the mask is set: mean (0..255), fraction saturated."""
     counts = cv2.calcHist([image], [1], mask, [256], [0, 256]).ravel()
     total = max(float(counts.sum()), 1.0)
-    return Exposure(float(counts @ np.arange(256)) / total, float(counts[_SATURATED:].sum()) / total)
+    return float(counts @ np.arange(256)) / total, float(counts[_SATURATED:].sum()) / total
 
 
 def measure_sharpness(image: ImageArray, mask: Mask) -> float:

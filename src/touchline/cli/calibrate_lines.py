@@ -265,6 +265,3 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
             "the left: a mirrored picture turns the other way), run again with --handedness -1.\n"
         )
     return text + f"mount_yaw {camera.mount_yaw_rad:g}: correct it if the robot's front is elsewhere in the image."
-
-
-# --- of a recording: a camera that is known roughly -------------------------------------------------------------------

@@ -14,7 +14,7 @@ import typer
 
 from touchline.cli.console import announce_compiling, errors_console
 from touchline.cli.interrupts import interruptible
-from touchline.cli.live import LinkChoice, LinkName, Listen, Namespace, RosBase, RosTopics, open_link
+from touchline.cli.live import LinkChoice, Listen, Namespace, RosBase, RosTopics, begin, open_link
 from touchline.cli.new_pair import CAMERA_ENDINGS, NewFile, NewPicture, new_files, write_pair
 from touchline.cli.options import FollowLinks, StartPose
 from touchline.errors import InputError, NoFitError
@@ -72,7 +72,7 @@ def calibrate_self(
     """Write a camera.yaml corrected by the lines that a robot sees in play: a mirror's lean, centre and ranges, or a
     perspective camera's roll, pitch, height and focal length.
     """
-    link = next((name for name in LinkName if name.value == robot), None)
+    link = robot if robot in ("udp", "ros") else None
     choice = LinkChoice(link, listen, None, topics or (), base, 0.0, namespace)
     choice.require_own_options()
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
@@ -89,7 +89,7 @@ def calibrate_self(
         from touchline.localizer import Localizer
 
         localizer = Localizer(field, camera)
-        _begin(localizer, start)
+        begin(localizer, start)
         seen = _of_robot(localizer, choice, seconds)
     try:
         if isinstance(seen.camera, PerspectiveCamera):
@@ -99,16 +99,6 @@ def calibrate_self(
     except NoFitError as error:
         raise NoFitError(f"{seen.name}: not calibrated: {error}") from None
     write_pair(output, text, picture, drawn, words)
-
-
-def _begin(localizer: Localizer, start: str | None) -> None:
-    """The start that was given, if one was."""
-    from touchline.api import checked_prior
-    from touchline.cli.run import parse_pose
-    from touchline.types import Prior
-
-    if start is not None:
-        localizer.reset(checked_prior(Prior(parse_pose(start)), localizer.field).pose)
 
 
 def _take(seen: _Seen, system: Touchline, frame: Frame, estimate: Estimate) -> _Seen:

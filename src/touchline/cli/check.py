@@ -16,10 +16,8 @@ from touchline.messages import counted
 
 if TYPE_CHECKING:
     from touchline.checks.findings import Finding
-    from touchline.sources import Recording
 
 _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
-_PIPE_WIDTH = 400
 
 
 def check(
@@ -36,28 +34,23 @@ def check(
 
     Exit status 0: nothing worse than warnings. 1: errors, which will spoil the localization. 2: it can't be read.
     """
+    from touchline.checks.check import check_recording, steps
     from touchline.checks.findings import Severity
     from touchline.sources import open_source
 
     source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late))
-    findings = _check_with_progress(source)
+    with steps_shown("reading", steps(source)) as advance:
+        findings = check_recording(source, advance)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
     worst_first = tuple(reversed(counts.items()))
     if json:
         print_json({"recording": source.name, "counts": counts, "findings": [asdict(one) for one in findings]})
     else:
-        wide_output(_PIPE_WIDTH).print(_table(findings), soft_wrap=False)
+        wide_output().print(_table(findings), soft_wrap=False)
         words = ", ".join(f"{count} ok" if name == "ok" else counted(count, name) for name, count in worst_first)
         say(f"{source.name}: {counted(len(source), 'image')}, {words}")
     if counts["error"]:
         raise typer.Exit(1)
-
-
-def _check_with_progress(source: Recording) -> list[Finding]:
-    from touchline.checks.check import check_recording, steps
-
-    with steps_shown("reading", steps(source)) as advance:
-        return check_recording(source, advance)
 
 
 def _table(findings: list[Finding]) -> Table:

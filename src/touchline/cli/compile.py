@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from touchline.cli.console import errors_console, say
+from touchline.cli.console import errors_console, on_compiling, say
 from touchline.cli.options import WorkerCount
-from touchline.compiling import without_c_wrappers
 from touchline.messages import counted
 from touchline.packed_loops import packed_loops_taken, take_packed_loops
 from touchline.plugins import entry_points_of
@@ -95,24 +94,19 @@ def _each(examples: Sequence[Callable[[str], None]], system: str) -> None:
 @contextmanager
 def _compiled() -> Iterator[set[str]]:
     """Names of the loops that are compiled meanwhile, each with its types; a bar on a terminal says so."""
-    from numba.core import event
     from rich.status import Status
 
     names: set[str] = set()
     console = errors_console()
     status = Status("", console=console)
 
-    class Listener(event.Listener):
-        def on_start(self, event: Any) -> None:
-            function = event.data["dispatcher"].py_func
-            if function.__module__.startswith("touchline"):  # and not a part of Numba's own
-                names.add(f"{function.__module__}.{function.__qualname__}{event.data['args']}")
-                status.update(f"{len(names)}: compiling {function.__qualname__}")
+    def tell(begun: Any) -> None:
+        function = begun["dispatcher"].py_func
+        if function.__module__.startswith("touchline"):  # and not a part of Numba's own
+            names.add(f"{function.__module__}.{function.__qualname__}{begun['args']}")
+            status.update(f"{len(names)}: compiling {function.__qualname__}")
 
-        def on_end(self, event: Any) -> None: ...
-
-    shown = status if console.is_terminal else nullcontext()
-    with without_c_wrappers(), event.install_listener("numba:compile", Listener()), shown:
+    with on_compiling(tell), status if console.is_terminal else nullcontext():
         yield names
 
 

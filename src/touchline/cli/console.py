@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from touchline.compiling import without_c_wrappers
+from touchline.compiling import leave_out_c_wrappers
 
 if TYPE_CHECKING:
     from touchline.evaluation import ErrorTable
 
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
-_MIN_COLUMNS, _USUAL_COLUMNS, _PIPE_WIDTH = 20, 80, 200  # columns of a terminal
+_MIN_COLUMNS, _USUAL_COLUMNS, _PIPE_WIDTH = 20, 80, 400  # columns of a terminal
 _LINE_EVERY_S = 10.0
 
 
@@ -40,11 +40,11 @@ def output() -> Console:
     return console
 
 
-def wide_output(width: int = _PIPE_WIDTH) -> Console:
+def wide_output() -> Console:
     """The same; where it is no terminal, so wide that each row of a table is one line, for grep."""
     console = output()
     if not console.is_terminal:
-        console.width = width
+        console.width = _PIPE_WIDTH
     return console
 
 
@@ -89,14 +89,18 @@ def plain_table(
 
 @contextmanager
 def steps_shown(title: str, total: int, compiles: bool = False) -> Iterator[Callable[..., None]]:
-    """A bar on a terminal while something goes on; what is to be called after every step. compiles: as it may."""
-    from rich.progress import Progress
+    """A bar on a terminal while something goes on; what to call after every step, or with how many are `completed`.
 
+    compiles: as it may.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     console = errors_console()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(title, total=total)
         with announce_compiling(console.print) if compiles else nullcontext():
-            yield lambda *_: progress.advance(task)
+            yield lambda *_, **to: progress.update(task, **(to or {"advance": 1}))
 
 
 @contextmanager
@@ -116,33 +120,40 @@ def shown_progress(name: str, begins: str) -> Iterator[Callable[[str], None]]:
         yield report
 
 
-def print_errors(errors: ErrorTable, tracked: Iterable[tuple[str, list[str]]] = ()) -> None:
-    """The error statistics, cm and degrees, and what was left out of them. tracked: rows of tracked images alone."""
+def print_errors(errors: ErrorTable) -> None:
+    """The error statistics, cm and degrees, and what was left out of them."""
     from touchline.evaluation.metrics import COLUMNS
 
-    output().print(
-        plain_table("error", *COLUMNS, rows=((name, *values) for name, values in (*tracked, *errors.rows())))
-    )
+    output().print(plain_table("error", *COLUMNS, rows=((name, *values) for name, values in errors.rows())))
     say(*errors.notes(), style="dim")
 
 
 @contextmanager
 def announce_compiling(say: Callable[[str], None]) -> Iterator[None]:
-    """Says, once, that the inner loops are being compiled, if they are: that is what a first start waits for.
+    """Says, once, that the inner loops are being compiled, if they are: that is what a first start waits for."""
+    said = False
 
-    They are compiled without wrappers for C meanwhile; afterwards Numba is as it was.
-    """
+    def tell(_: Any) -> None:
+        nonlocal said
+        if not said:
+            say("compiling the inner loops, once on this machine: a minute or two (or ahead: touchline compile)")
+        said = True
+
+    with on_compiling(tell):
+        yield
+
+
+@contextmanager
+def on_compiling(tell: Callable[[Any], None]) -> Iterator[None]:
+    """Calls `tell` with what Numba says of each function that it begins to compile."""
     from numba.core import event
 
     class Listener(event.Listener):
-        shown = False
-
         def on_start(self, event: Any) -> None:
-            if not self.shown:
-                say("compiling the inner loops, once on this machine: a minute or two (or ahead: touchline compile)")
-                self.shown = True
+            tell(event.data)
 
         def on_end(self, event: Any) -> None: ...
 
-    with without_c_wrappers(), event.install_listener("numba:compile", Listener()):
+    leave_out_c_wrappers()
+    with event.install_listener("numba:compile", Listener()):
         yield

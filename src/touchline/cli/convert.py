@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
-from touchline.cli.console import errors_console, say, warn
+from touchline.cli.console import say, steps_shown, warn
 from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, FromZero, Topics, bag_options
-from touchline.enums import StrEnum
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
 from touchline.messages import counted
@@ -23,13 +22,7 @@ if TYPE_CHECKING:
     from touchline.sources.bags.writing import BagWriter
 
 
-class Kind(StrEnum):
-    """What can be written."""
-
-    FOLDER = "folder"
-    MCAP = "mcap"
-    ROSBAG2 = "rosbag2"
-    ROSBAG2_MCAP = "rosbag2-mcap"
+Kind = Literal["folder", "mcap", "rosbag2", "rosbag2-mcap"]
 
 
 def convert(
@@ -59,7 +52,7 @@ def convert(
     from_zero: FromZero = False,
 ) -> None:
     """Write a recording as another kind, without loss: images are copied as they are, times to the nanosecond."""
-    kind = to or (Kind.MCAP if target.suffix.lower() == ".mcap" else Kind.FOLDER)
+    kind = to or ("mcap" if target.suffix.lower() == ".mcap" else "folder")
     _check_target(target, kind)
     from touchline.sources import open_source
     from touchline.sources.loose import LooseOptions, is_loose, open_loose
@@ -89,32 +82,23 @@ def _held(recording: Recording) -> str:
 def _check_target(target: Path, kind: Kind) -> None:
     check_new_path(target)
     if target.suffix.lower() in (".bag", ".db3", ".zip", ".tar", ".mp4"):
-        raise InputError(f"{target}: is not written; a recording is written as {', '.join(Kind)} (--to)")
-    if kind is Kind.MCAP and target.suffix.lower() != ".mcap":
+        raise InputError(f"{target}: is not written; a recording is written as {', '.join(get_args(Kind))} (--to)")
+    if kind == "mcap" and target.suffix.lower() != ".mcap":
         raise InputError(f"{target}: an MCAP file's name has to end in .mcap")
 
 
 def _write(recording: Recording, target: Path, kind: Kind) -> None:
     """Write it, with a progress bar; what cannot be finished is taken away again."""
-    with _kept_whole(target), _progress(recording.name, len(recording)) as advance:
-        _write_kind(recording, target, kind, advance)
+    with _kept_whole(target), steps_shown(recording.name, len(recording)) as advance:
+        if kind == "folder":
+            from touchline.sources.to_folder import write_folder
 
+            write_folder(recording, target, advance)
+            return
+        writer, codec = _bag_writer(target, kind)
+        from touchline.sources.bags.writing import write_recording
 
-@contextmanager
-def _progress(name: str, images: int) -> Iterator[Callable[[], None]]:
-    """A progress bar, and what is called after every image."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=errors_console()) as progress:
-        task = progress.add_task(name, total=images)
-
-        def advance() -> None:
-            if not progress.finished:  # a bag's last samples come after its last image
-                progress.advance(task)
-
-        yield advance
-        progress.update(task, completed=images)  # of observations no image is told
+        write_recording(recording, writer, codec, advance)
 
 
 @contextmanager
@@ -135,31 +119,19 @@ def _kept_whole(target: Path) -> Iterator[None]:
 
 def _write_results(run: Path, target: Path, kind: Kind, follow_links: bool) -> None:
     """The results of a run as a bag."""
-    if kind is Kind.FOLDER:
+    if kind == "folder":
         raise InputError(f"{run}: is the folder of a run; its results are written as a bag: {target}.mcap")
     from touchline.evaluation.run import Run
     from touchline.view.run_pictures import looks
 
     finished = Run(run, follow_links)
     look = looks(finished.recording(), finished.summary.system)
-    with _kept_whole(target), _progress(finished.folder.name, len(finished.estimates)) as advance:
+    with _kept_whole(target), steps_shown(finished.folder.name, len(finished.estimates)) as advance:
         writer, codec = _bag_writer(target, kind)
         from touchline.evaluation.ros_results import write_results
 
         write_results(finished, writer, codec, look, advance)
     say(f"{target}: {len(finished.estimates)} poses")
-
-
-def _write_kind(recording: Recording, target: Path, kind: Kind, on_image: Callable[[], None]) -> None:
-    if kind is Kind.FOLDER:
-        from touchline.sources.to_folder import write_folder
-
-        write_folder(recording, target, on_image)
-        return
-    writer, codec = _bag_writer(target, kind)
-    from touchline.sources.bags.writing import write_recording
-
-    write_recording(recording, writer, codec, on_image)
 
 
 def _bag_writer(target: Path, kind: Kind) -> tuple[BagWriter, Codec]:
@@ -170,6 +142,6 @@ def _bag_writer(target: Path, kind: Kind) -> tuple[BagWriter, Codec]:
     from touchline.sources.bags.writing import McapWriter
 
     codec = Codec()
-    if kind is Kind.MCAP:
+    if kind == "mcap":
         return McapWriter(target, codec), codec
-    return Rosbag2Writer(target, codec, kind is Kind.ROSBAG2_MCAP), codec
+    return Rosbag2Writer(target, codec, kind == "rosbag2-mcap"), codec

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from touchline.cli.console import output as console
 from touchline.cli.console import plain_table, print_errors, warn
 from touchline.cli.options import FollowLinks
 from touchline.files.new import check_new_file, write_new_file
-
-if TYPE_CHECKING:
-    from touchline.evaluation.compare import Comparison
 
 
 def evaluate(
@@ -45,34 +41,22 @@ def compare(
 
     touchline compare runs/match-1 runs/match-2 -o compared.html
     """
+    from touchline.evaluation.compare import COLUMNS, comparison_page, parting_lines
     from touchline.evaluation.compare import compare as compared_runs
 
     if output is not None:
         check_new_file(output, (".html", ".htm"), "a page")
     compared = compared_runs(runs)
-    from touchline.evaluation.compare import comparison_page, parting_lines
-
+    rows = ((name, *values) for name, values in compared.figures())
     out = console()
-    out.print(_figures(compared), soft_wrap=False)
+    out.print(plain_table("run", *COLUMNS, rows=rows, overflow="fold"), soft_wrap=False)
     if compared.why_no_truth:
         out.print(f"no errors: {compared.why_no_truth}", style="dim")
-    out.print(_differences(compared), soft_wrap=False)
+    differing = [(key, *values) for key, values in compared.differing_settings()]
+    table = plain_table("what differs", *(one.name for one in compared.runs), rows=differing, overflow="fold")
+    out.print(table if differing else "settings, seeds and versions are the same", soft_wrap=False)
     for line in parting_lines(compared):
         out.print(line)
     if output is not None:
         write_new_file(output, comparison_page(compared).encode(errors="replace"))
         out.print(f"page: {output}")
-
-
-def _figures(compared: Comparison) -> Table:
-    from touchline.evaluation.compare import COLUMNS, UNITS
-
-    titles = (f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True))
-    return plain_table("run", *titles, rows=((name, *values) for name, values in compared.figures()), overflow="fold")
-
-
-def _differences(compared: Comparison) -> Table | str:
-    rows = [(key, *values) for key, values in compared.differing_settings()]
-    if not rows:
-        return "settings, seeds and versions are the same"
-    return plain_table("what differs", *(one.name for one in compared.runs), rows=rows, overflow="fold")

@@ -22,62 +22,45 @@ if TYPE_CHECKING:
 
 
 class _FieldsGroup(TyperGroup):
-    """A first word that is no subcommand is the name of a field, shown by the hidden command `show`."""
+    """A first word that is no subcommand is the name of a field, shown by the command `show`."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         named = args[0] in ("new", "measure") or (args[0] == "show" and len(args) > 1)
         return super().resolve_command(ctx, args if named else ["show", *args])
 
 
-_SCALE = 50.0  # pixels per metre
 _WIDTH_OF_DESCRIPTIONS = 76  # characters: with fewer, the presets are listed without them
 
 fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new NAME ... | measure RECORDING ...]")
 
 
-_Picture = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="PICTURE.png", help="Draw the field NAME into a new picture.")
-]
-_Scale = Annotated[
-    float | None,
-    typer.Option("--scale", min=1.0, max=500.0, help=f"Pixels per metre of the picture (default: {_SCALE:g})."),
-]
-_Letters = Annotated[
-    bool, typer.Option("--letters/--no-letters", help="Draw the rulebook's letters into the picture, where known.")
-]
-
-
 @fields_app.callback(invoke_without_command=True)
-def fields(ctx: typer.Context, output: _Picture = None, scale: _Scale = None) -> None:
+def fields(ctx: typer.Context) -> None:
     """List the preset fields; with NAME or FILE show one field; with new make your own, with measure measure it.
 
     touchline fields show msl-18x12 -o field.png   shows and draws one, with the rulebook's letters.
     """
-    if ctx.invoked_subcommand != "show" and (output is not None or scale is not None):
-        raise InputError("--output and --scale draw one field: touchline fields NAME --output PICTURE.png")
-    ctx.obj = (output, scale)
     if ctx.invoked_subcommand is None:
         _list_presets()
 
 
-@fields_app.command("show", hidden=True)
+@fields_app.command("show")
 def show(
-    ctx: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, a field.yaml or a recording.")],
-    output: _Picture = None,
-    scale: _Scale = None,
-    letters: _Letters = True,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="PICTURE.png", help="Draw the field into a new picture.")
+    ] = None,
+    scale: Annotated[float, typer.Option(min=1.0, max=500.0, help="Pixels per metre of the picture.")] = 50.0,
+    letters: Annotated[bool, typer.Option(help="Draw the rulebook's letters into the picture, where known.")] = True,
 ) -> None:
-    """Show one field: its sizes, lines, crossings, posts and poles."""
-    before = ctx.obj if isinstance(ctx.obj, tuple) else (None, None)  # options may stand before the name, too
-    output, scale = output if output is not None else before[0], scale if scale is not None else before[1]
+    """Show one field: its sizes, lines, crossings, posts and poles; the word show may be left out."""
     from touchline.field import open_field
 
     field = open_field(name)
     say(f"{field.name}: {field.description}" if field.description else field.name)
     _print_tables(field)
     if output is not None:
-        _draw(field, output, scale if scale is not None else _SCALE, letters)
+        _draw(field, output, scale, letters)
         say(f"drawn into {output}")
 
 

@@ -6,9 +6,8 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
@@ -22,6 +21,7 @@ from touchline.cli.options import (
     StartPose,
     SystemName,
     bag_options,
+    numbers,
     turn_in_rad,
 )
 from touchline.errors import InputError, TouchlineError
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from touchline.live.loop import LiveLoop
     from touchline.live.ros_link import RosRobot
     from touchline.live.ros_node import RosNode
+    from touchline.live.state_file import StateFile
     from touchline.live.udp import UdpRobot
     from touchline.localizer import Localizer
     from touchline.sources import Recording
@@ -40,16 +41,10 @@ if TYPE_CHECKING:
 PORT = 28400
 
 
-class LinkName(str, Enum):
-    """What carries messages to a robot and back."""
-
-    UDP = "udp"
-    ROS = "ros"
-
-
 _OF_UDP, _OF_ROS = "Options of udp", "Options of ros"
 LinkArgument = Annotated[
-    LinkName, typer.Argument(metavar="LINK", help="Datagrams, or the topics of ROS 2 (as a node by rclpy).")
+    Literal["udp", "ros"],
+    typer.Argument(metavar="LINK", help="Datagrams, or the topics of ROS 2 (as a node by rclpy)."),
 ]
 Listen = Annotated[
     str | None,
@@ -144,13 +139,11 @@ def live(
     ] = None,
 ) -> None:
     """Localise a running robot: images and sensors come, poses go, by UDP or ROS 2. Ctrl-C ends it."""
-    from touchline.api import checked_prior
-    from touchline.cli.run import parse_pose
-    from touchline.config import load_settings
+    from touchline.api import settings_given
     from touchline.live.loop import LiveLoop
+    from touchline.live.state_file import StateFile, resume
     from touchline.localizer import Localizer
-    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
-    from touchline.types import Prior
+    from touchline.systems import DEFAULT_SYSTEM, system_info
 
     choice = LinkChoice(link, listen, to, topics or (), base, late, namespace)
     choice.require_own_options()
@@ -161,19 +154,17 @@ def live(
     if camera is not None and str(camera).startswith("/dev/"):
         raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
     name = system or DEFAULT_SYSTEM
-    others = {other: info.settings for other, info in SYSTEMS.items() if other != name}
-    chosen = load_settings(system_info(name).settings, config, settings or (), elsewhere=others)
+    chosen = settings_given(system_info(name), config, settings or (), None)
     localizer = Localizer(field, camera, name, _pair(wheels, "--wheels"), chosen)
     if state is not None:
-        from touchline.live.state_file import resume
-
         errors_console().print(resume(state, localizer))
-    if start is not None or own_half:
-        pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
-        localizer.reset(pose, own_half=own_half)
+    begin(localizer, start, own_half)
     opened = open_link(choice, localizer)
     if device is not None:
-        opened = _with_camera(opened, device)
+        from touchline.live.camera_device import WithCamera
+        from touchline.sources.uvc_camera import UvcCamera
+
+        opened = WithCamera(opened, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
     if game_controller:
         from touchline.live.game_controller import GameController, WithGameController
 
@@ -186,19 +177,29 @@ def live(
         announce_compiling(console.print),
         interruptible() as stop,
     ):
-        shown = _Shown()
-        on_published = shown.take if state is None else _kept_in(state, localizer, shown.take)
-        loop = LiveLoop(opened, localizer, on_published, team_evidence, mates or ())
+        kept = None if state is None else StateFile(state, localizer)
+        loop = LiveLoop(opened, localizer, _Shown(kept).take, team_evidence, mates or ())
         silence = _Silence(loop, opened, console.print)
         loop.run(lambda: stop() or silence.report() or (ends_s is not None and time.monotonic() > ends_s))
         refused, around = opened.refused, silence.received()
     _tell_end(loop, localizer.problems, refused, around if silence.reported else None)
 
 
+def begin(localizer: Localizer, start: str | None, own_half: bool = False) -> None:
+    """Where the robot starts, if that was given. Raises InputError for what is no place on the field."""
+    from touchline.api import checked_prior
+    from touchline.cli.run import parse_pose
+    from touchline.types import Prior
+
+    if start is not None or own_half:
+        pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
+        localizer.reset(pose, own_half=own_half)
+
+
 class LinkChoice(NamedTuple):
     """A link and its options. link: None where a recording takes its place."""
 
-    link: LinkName | None
+    link: str | None
     listen: str | None
     to: str | None
     topics: Sequence[str]
@@ -208,29 +209,22 @@ class LinkChoice(NamedTuple):
 
     def require_own_options(self) -> None:
         """Raises InputError for an option of another link, which would be ignored."""
-        options: dict[LinkName, dict[str, object]] = {
-            LinkName.UDP: {"--listen": self.listen, "--to": self.to},
-            LinkName.ROS: {
-                "--topic": self.topics,
-                "--base": self.base,
-                "--late": self.late_ms,
-                "--namespace": self.namespace,
-            },
-        }
-        for link, values in options.items():
+        of_udp: dict[str, object] = {"--listen": self.listen, "--to": self.to}
+        of_ros: dict[str, object] = {"--topic": self.topics, "--base": self.base, "--late": self.late_ms}
+        for link, values in (("udp", of_udp), ("ros", of_ros | {"--namespace": self.namespace})):
             wrong = next((option for option, value in values.items() if value), None)
-            if wrong is not None and link is not self.link:
-                raise InputError(f"{wrong}: is an option of {link.value}")
+            if wrong is not None and link != self.link:
+                raise InputError(f"{wrong}: is an option of {link}")
 
     def __str__(self) -> str:
-        if self.link is LinkName.ROS:
+        if self.link == "ros":
             return f"reads topics of ROS 2, publishes {_as_namespace(self.namespace)}/touchline/pose"
         return f"listens on UDP {self.listen or PORT}, sends poses to UDP {self.to or PORT + 1}"
 
 
 def open_link(choice: LinkChoice, localizer: Localizer) -> Link:
     """The link to a running robot. Raises InputError where there is none."""
-    if choice.link is LinkName.ROS:
+    if choice.link == "ros":
         named, namespace = bag_options([*choice.topics], None, None, None).topics, _as_namespace(choice.namespace)
         node = _ros_node("touchline", namespace)
         from touchline.live.ros_link import RosLink, RosOptions
@@ -255,26 +249,6 @@ def _ros_node(name: str, namespace: str = "") -> RosNode:
     from touchline.live.ros_node import RosNode
 
     return RosNode(name, namespace)
-
-
-def _with_camera(link: Link, device: str) -> Link:
-    from touchline.live.camera_device import WithCamera
-    from touchline.sources.uvc_camera import UvcCamera
-
-    return WithCamera(link, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
-
-
-def _kept_in(path: Path, localizer: Localizer, show: Callable[[Published], None]) -> Callable[[Published], None]:
-    """Shows an estimate, and keeps it."""
-    from touchline.live.state_file import StateFile
-
-    kept = StateFile(path, localizer)
-
-    def take(published: Published) -> None:
-        show(published)
-        kept.take(published.estimate, published.map_from_odom)
-
-    return take
 
 
 def _as_namespace(text: str) -> str:
@@ -311,7 +285,7 @@ def play(
     LinkChoice(link, None, to, (), None, 0.0, "").require_own_options()
     source = open_source(recording, follow_links)
     robot = _robot(link, to or str(PORT), source)
-    where = "topics of ROS 2" if link is LinkName.ROS else f"UDP {to or PORT}"
+    where = "topics of ROS 2" if link == "ros" else f"UDP {to or PORT}"
     errors_console().print(f"{source.name}: {counted(len(source), 'image')} to {where}; Ctrl-C ends it")
     sent = 0
     with interruptible() as stop:
@@ -323,9 +297,9 @@ def play(
     say(f"{counted(sent, 'image')} sent")
 
 
-def _robot(link: LinkName, to: str, source: Recording) -> UdpRobot | RosRobot:
+def _robot(link: str, to: str, source: Recording) -> UdpRobot | RosRobot:
     """The robot's end of a link. Raises InputError where there is none."""
-    if link is LinkName.ROS:
+    if link == "ros":
         node = _ros_node("touchline_play")
         from touchline.live.ros_link import RosRobot
         from touchline.sources.bags.camera_file import ros_camera
@@ -347,10 +321,7 @@ def address(text: str, option: str) -> tuple[str, int]:
 def _pair(text: str | None, option: str) -> tuple[float, float] | None:
     if text is None:
         return None
-    try:
-        a, b = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"{option} {text}: expected A,B in rad, for example {option}=0.785,2.356") from None
+    a, b = numbers(text, option, "A,B in rad", "0.785,2.356")
     return turn_in_rad(a, option), turn_in_rad(b, option)
 
 
@@ -375,15 +346,18 @@ class _Silence:
 
 
 class _Shown:
-    """A line on the terminal now and then."""
+    """A line on the terminal now and then; what is tracked is kept, too, where a file is named."""
 
-    def __init__(self) -> None:
+    def __init__(self, kept: StateFile | None = None) -> None:
+        self._kept = kept
         self._last_s = 0.0
         self._shown_s: dict[str, float] = {}
 
     def take(self, published: Published) -> None:
         """One estimate of an image."""
         estimate, now_s = published.estimate, time.monotonic()
+        if self._kept is not None:
+            self._kept.take(estimate, published.map_from_odom)
         for problem in estimate.problems:
             alike = without_numbers(problem.sentence)
             if now_s - self._shown_s.get(alike, -math.inf) > _REPEAT_S:

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -15,7 +11,8 @@ import typer
 
 from touchline.cli.console import announce_compiling, errors_console, say
 from touchline.cli.console import output as output_console
-from touchline.errors import InputError, NoFitError, TouchlineError
+from touchline.cli.options import numbers
+from touchline.errors import InputError, NoFitError
 from touchline.files.new import PICTURE_ENDINGS
 
 if TYPE_CHECKING:
@@ -75,18 +72,18 @@ def locate(
     from touchline.field import open_field
 
     model = open_field(field if field is not None else _ASSUMED_FIELD)
-    with _searching():
+    console = errors_console()
+    with console.status("searching the whole field"), announce_compiling(console.print):
         seen = _seen(source, camera, model, attitude)
         answer = _answer(source, seen, model, heading, with_scale)
         picture = _draw(source, seen, model, answer, output)
     found = answer.found
-    with _whole_output():
-        if as_json:
-            _print_json(answer, model, field is None, picture)
-        elif not isinstance(found, NoFitError):
-            _print_table(source, model, field is None, found, answer)
-        if picture is not None and not as_json:
-            say(f"drawn into {picture}")
+    if as_json:
+        _print_json(answer, model, field is None, picture)
+    elif not isinstance(found, NoFitError):
+        _print_table(source, model, field is None, found, answer)
+    if picture is not None and not as_json:
+        say(f"drawn into {picture}")
     if isinstance(found, NoFitError):
         assumed = f" (--field was not given: {model.name} was assumed{_beside(source)})" if field is None else ""
         others = "".join(f". {_better_words(better)}" for better in answer.better)
@@ -97,28 +94,6 @@ def _beside(source: Path) -> str:
     """The field of the recording that a file seems to be of, in words."""
     own = (folder / "field.yaml" for folder in source.absolute().parents[:2])
     return next((f"; its recording has --field {path}" for path in own if path.is_file()), "")
-
-
-@contextmanager
-def _searching() -> Iterator[None]:
-    """A terminal shows that something is going on: a million points take a second or two, the first start twenty."""
-    console = errors_console()
-    with console.status("searching the whole field"), announce_compiling(console.print):
-        yield
-
-
-@contextmanager
-def _whole_output() -> Iterator[None]:
-    """What is printed inside arrives, or one message says why not. A full disk shows when the buffer is emptied."""
-    try:
-        yield
-        sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        with Path(os.devnull).open("w") as nowhere:  # what is still in the buffer must not fail again at the end
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
-        raise TouchlineError(f"the output cannot be written ({error.strerror})") from None
 
 
 class _Seen(NamedTuple):
@@ -158,7 +133,6 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
     """The camera as it was at an image, roll and pitch (rad) of its body as given."""
     from touchline.camera import PerspectiveCamera, pose_in_base
     from touchline.camera.ground_view import MAX_LEAN_RAD
-    from touchline.given import refused
 
     if attitude is None and isinstance(camera, PerspectiveCamera) and camera.use_attitude:
         raise InputError(
@@ -167,10 +141,7 @@ def _leaning(camera: Camera, source: Path, attitude: str | None) -> Camera:
         )
     if attitude is None or not isinstance(camera, PerspectiveCamera):
         return camera
-    try:
-        roll, pitch = (float(value) for value in attitude.split(","))
-    except ValueError:
-        raise refused("--attitude", "roll and pitch of the body (rad), as 0.01,-0.02", attitude) from None
+    roll, pitch = numbers(attitude, "--attitude", "roll and pitch of the body (rad)", "0.01,-0.02")
     if not math.hypot(roll, pitch) <= MAX_LEAN_RAD:
         raise InputError(
             f"--attitude {attitude}: no robot leans so far; roll and pitch are in radians, a degree is 0.017"

@@ -82,6 +82,17 @@ def bag_options(
     return BagOptions({role: name for role, _, name in named}, field, camera, base, late_ms, from_zero)
 
 
+def numbers(text: str, option: str, expected: str, example: str) -> tuple[float, ...]:
+    """Numbers between commas, as many as the example has. Raises InputError for anything else."""
+    try:
+        found = tuple(map(float, text.split(",")))
+    except ValueError:
+        found = ()
+    if len(found) != example.count(",") + 1:
+        raise InputError(f"{option} {text}: expected {expected}, for example {option}={example}")
+    return found
+
+
 def turn_in_rad(angle: float, option: str) -> float:
     """The angle. Raises InputError for more than a full turn: degrees, then, or for what is no number."""
     if not abs(angle) <= 2.0 * math.pi:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from touchline.cli import INTERRUPTED
-from touchline.cli.console import DEBUG_VARIABLE, announce_compiling, errors_console, print_errors, say, warn
+from touchline.cli.console import DEBUG_VARIABLE, print_errors, say, steps_shown, warn
 from touchline.cli.interrupts import interruptible
 from touchline.cli.options import (
     BagBase,
@@ -30,6 +28,7 @@ from touchline.cli.options import (
     SystemName,
     Topics,
     bag_options,
+    numbers,
 )
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import check_new_path
@@ -38,12 +37,8 @@ from touchline.messages import counted, unexpected
 if TYPE_CHECKING:
     from touchline.api import PreparedRun
     from touchline.evaluation import Run
-    from touchline.evaluation.run_data import RunData
-    from touchline.evaluation.runner import OnFrame
     from touchline.evaluation.summary import RunSummary
-    from touchline.field import FieldModel
     from touchline.geometry import Pose
-    from touchline.sources import Recording
 
 EXAMPLE = "omni_msl_track_short"
 _UNMOVED = (
@@ -60,8 +55,8 @@ class InterruptedRun(TouchlineError):
 
 
 def run(
-    recordings: Annotated[
-        list[str], typer.Argument(metavar="RECORDING", help="A recording: a folder, an MCAP file, a bag.")
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="A folder, an MCAP file, a bag; many: touchline season.")
     ],
     system: SystemName = None,
     output: Annotated[
@@ -86,18 +81,15 @@ def run(
     if start is not None and own_half:
         raise InputError("--start and --own-half exclude each other: give the pose, or only the half")
     from touchline.api import prepare
-    from touchline.season import is_many
     from touchline.sources import open_source
     from touchline.systems import DEFAULT_SYSTEM, system_info
     from touchline.types import Prior
 
-    if is_many(recordings):
-        raise InputError("touchline run takes one recording on this machine; for more, use touchline season")
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
     name = system or DEFAULT_SYSTEM
     system_info(name)  # an unknown name is told before the recording is read
     bag = bag_options(topics, field, camera, base, late, from_zero)
-    source = open_source(Path(recordings[0]), follow_links, bag)
+    source = open_source(recording, follow_links, bag)
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     execute(prepared, output, with_report=report)
 
@@ -141,11 +133,7 @@ def parse_pose(text: str) -> Pose:
     """The pose written as X,Y,HEADING (m, m, rad). Raises InputError for anything else."""
     from touchline.geometry import Pose
 
-    try:
-        x, y, heading = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--start {text}: expected X,Y,HEADING in m, m, rad, for example --start=-3,1.5,0") from None
-    return Pose(x, y, heading)
+    return Pose(*numbers(text, "--start", "X,Y,HEADING in m, m, rad", "-3,1.5,0"))
 
 
 def execute(
@@ -156,13 +144,18 @@ def execute(
 ) -> None:
     """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished."""
     from touchline.evaluation.run_folder import new_folder
+    from touchline.sources import ProblemKind
 
-    warn_of(prepared)
-    folder = new_folder(output, name or prepared.source.name)
-    with frame_progress(prepared.source) as (advance, stop):
+    first = ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC
+    problems = [problem for problem in prepared.source.problems if problem.kind in first]
+    for notice in (*problems, *prepared.notices):
+        warn(f"warning: {notice}")
+    source = prepared.source
+    folder = new_folder(output, name or source.name)
+    with steps_shown(source.name, len(source), compiles=True) as advance, interruptible() as stop:
         wanted = (lambda summary: True) if with_report else None
         finished, failure = prepared.execute(folder, on_frame=[advance], stop=stop, report=wanted)
-    print_run(finished, prepared.source.field)
+    print_run(finished)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
             raise failure
@@ -176,52 +169,18 @@ def execute(
     if not finished.summary.status["tracking"] and finished.summary.unmoved_frames:
         say(_UNMOVED, style="yellow")
     elif not finished.summary.status["tracking"]:
-        why = finished.summary.why_not_localised or f"`touchline check {prepared.source.path}` may tell why"
+        why = finished.summary.why_not_localised or f"`touchline check {source.path}` may tell why"
         raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
 
 
-def warn_of(prepared: PreparedRun) -> None:
-    """Say what the user should know before a run."""
-    from touchline.sources import ProblemKind
-
-    first = ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC
-    problems = [problem for problem in prepared.source.problems if problem.kind in first]
-    for notice in (*problems, *prepared.notices):
-        warn(f"warning: {notice}")
-
-
-@contextmanager
-def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bool]]]:
-    """A progress bar over a recording's frames: what is called with each of them, and whether to stop after it."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with (
-        Progress(*columns, console=errors_console()) as progress,
-        announce_compiling(progress.console.print),
-        interruptible() as stop,
-    ):
-        task = progress.add_task(source.name, total=len(source))
-
-        def advance(*_: object) -> None:
-            progress.advance(task)
-
-        yield advance, stop
-
-
-def print_run(finished: Run, field: FieldModel) -> None:
+def print_run(finished: Run) -> None:
     """The error table, rates, problems and where the report is."""
-    from touchline.evaluation.report import other_side_text, tracked_rows
+    from touchline.evaluation.report import other_side_text
     from touchline.evaluation.runner import said_text
 
     summary = finished.summary
     if finished.errors is not None:
-        print_errors(finished.errors, tracked_rows(_run_data(finished, field).tracked_errors()))
+        print_errors(finished.errors)
     else:
         say(f"no errors to show: {finished.why_no_errors}")
     _print_speed(summary)
@@ -237,15 +196,6 @@ def print_run(finished: Run, field: FieldModel) -> None:
         doubts.append(f"problems of the recording: {kinds} (touchline check lists them)")
     say(*doubts, style="yellow")
     say(f"report: {finished.report}" if finished.report.is_file() else f"results: {finished.folder}")
-
-
-def _run_data(finished: Run, field: FieldModel) -> RunData:
-    from touchline.evaluation.metrics import signed_errors
-    from touchline.evaluation.run_data import RunData
-
-    truth = finished.truth
-    errors = None if truth is None else signed_errors(finished.estimates.trajectory, truth)
-    return RunData(finished.estimates, field, truth, errors, finished.black_ns())
 
 
 def _counts(counts: dict[str, int]) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from touchline.cli.console import announce_compiling, errors_console, say
+from touchline.cli.console import errors_console, say, steps_shown
 from touchline.cli.options import (
     BagBase,
     BagCamera,
@@ -31,7 +31,6 @@ from touchline.errors import TouchlineError
 from touchline.messages import counted
 
 if TYPE_CHECKING:
-    from touchline.season import Command
     from touchline.season.table import Row
 
 
@@ -56,7 +55,7 @@ def season(
     base: BagBase = None,
     late: BagLate = 0.0,
     from_zero: FromZero = False,
-    report: Annotated[str, typer.Option(metavar="all|failed|none", help="Which runs get a report.")] = "all",
+    report: Annotated[Literal["all", "failed", "none"], typer.Option(help="Which runs get a report.")] = "all",
     parquet: Annotated[bool, typer.Option("--parquet", help="The table as runs.parquet (extra season).")] = False,
     workers: WorkerCount = None,
     dask: DaskAddress = None,
@@ -65,7 +64,8 @@ def season(
 
     The same command resumes a season that was cut off: what has a row in the table is not done again.
     """
-    from touchline.season import Command, find_recordings
+    from touchline.evaluation.workers import open_workers
+    from touchline.season import Command, find_recordings, localize_all
     from touchline.systems import DEFAULT_SYSTEM
 
     bag = bag_options(topics, field, camera, base, late, from_zero).to_dict()
@@ -74,35 +74,18 @@ def season(
     command = Command(name, file, given, preset, own_half, seed, follow_links, bag, report)
     found = find_recordings(recordings)
     count = min(workers or os.cpu_count() or 1, len(found))
-    rows = _with_progress(found, output, command, parquet, (count, dask))
+    load_loops_lean()
+    with steps_shown("recordings", len(found), compiles=True) as advance, open_workers(count, dask) as hands:
+
+        def on_row(row: Row, left: int) -> None:
+            advance(completed=len(found) - left)
+            errors_console().print(line_of(row))
+
+        rows = localize_all(found, output, command, hands, on_row, parquet)
     failed = [row for row in rows if row["failure"]]
     say(f"{counted(len(rows), 'recording')}, {len(failed)} failed: {output}")
     if failed:
         raise TouchlineError(f"{counted(len(failed), 'recording')} failed, the first: {line_of(failed[0])}")
-
-
-def _with_progress(
-    recordings: list[str], output: str, command: Command, parquet: bool, where: tuple[int, str | None]
-) -> list[Row]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from touchline.evaluation.workers import open_workers
-    from touchline.season import localize_all
-
-    load_loops_lean()
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with (
-        Progress(*columns, console=errors_console()) as progress,
-        announce_compiling(progress.console.print),
-        open_workers(*where) as workers,
-    ):
-        task = progress.add_task("recordings", total=len(recordings))
-
-        def on_row(row: Row, left: int) -> None:
-            progress.update(task, completed=len(recordings) - left)
-            progress.console.print(line_of(row), markup=False, highlight=False)
-
-        return localize_all(recordings, output, command, workers, on_row, parquet)
 
 
 def line_of(row: Row) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from touchline.config import leaves
 from touchline.errors import InputError
-from touchline.evaluation.metrics import associate, signed_errors
+from touchline.evaluation.metrics import associate
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_data import RIGHT_M, RIGHT_RAD, RunData
 from touchline.evaluation.summary import RunSummary
@@ -21,8 +21,7 @@ from touchline.sources import Recording
 from touchline.types import Status
 
 MAX_RUNS = 6  # so many colours can be told apart
-COLUMNS = ("position", "largest", "heading", "tracked", "wrong", "time", "p99")
-UNITS = ("cm", "cm", "°", "%", "s", "ms", "ms")
+COLUMNS = ("position (cm)", "largest (cm)", "heading (°)", "tracked (%)", "wrong (s)", "time (ms)", "p99 (ms)")
 _MAX_STRETCHES = 5
 
 
@@ -139,8 +138,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
             raise InputError(
                 f"{run.folder} and {runs[0].folder} have no image in common; compare runs of one recording"
             )
-        errors = None if truth is None else signed_errors(run.estimates.trajectory, truth)
-        data = RunData(run.estimates, recording.field, truth, errors, run.black_ns(), recording.events)
+        data = RunData(run.estimates, recording.field, truth, run.black_ns(), recording.events)
         compared.append(Compared(name, run, data, row))
     return Comparison(compared, _recording_name(runs[0]), "" if truth is not None else "the recording holds no truth")
 
@@ -219,7 +217,7 @@ def comparison_page(compared: Comparison) -> str:
         title=f"{names[0]} and others",
         names=names,
         recording=compared.recording,
-        columns=[f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True)],
+        columns=list(COLUMNS),
         figures=compared.figures(),
         differing=compared.differing_settings(),
         parting=parting_lines(compared),

@@ -48,9 +48,9 @@ class ErrorTable:
 
     `frames` were counted. Left out: `skipped` first frames as asked, `black` images, frames `before_first` estimate,
     frames `without_truth` nearer than half a frame. In `lost` of the counted frames the robot was lost or searched for;
-    `tracked_position` is of the others (None where these are all or none). `protection_position`, `protection_heading`:
-    how the protection levels of the others hold, None where there is none; in `end_open` of these the end of the field
-    is open, and the error that counts is the nearer twin's.
+    `tracked_x` to `tracked_heading` are of the others (None where these are all or none). `protection_position`,
+    `protection_heading`: how the protection levels of the others hold, None where there is none; in `end_open` of these
+    the end of the field is open, and the error that counts is the nearer twin's.
     """
 
     x: ErrorStatistics
@@ -63,7 +63,10 @@ class ErrorTable:
     before_first: int = 0
     without_truth: int = 0
     lost: int = 0
+    tracked_x: ErrorStatistics | None = None
+    tracked_y: ErrorStatistics | None = None
     tracked_position: ErrorStatistics | None = None
+    tracked_heading: ErrorStatistics | None = None
     protection_position: ProtectionStatistics | None = None
     protection_heading: ProtectionStatistics | None = None
     end_open: int = 0
@@ -71,17 +74,21 @@ class ErrorTable:
     def as_dict(self) -> dict[str, Any]:
         """For JSON: metres and radians, as the keys say."""
         counts = asdict(self)
-        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in (*_UNITS, _TRACKED)}
+        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in (*_UNITS, *_TRACKED)}
         return {**tables, **counts}
 
     def rows(self) -> list[tuple[str, list[str]]]:
-        """Printable rows, cm and degrees: name, then mean, median, std of error, std of |error|, maximum."""
+        """Printable rows, cm and degrees: name, then mean, median, std of error, std of |error|, maximum.
+
+        Rows of the tracked images alone come first.
+        """
         table = []
-        for name, unit in (*_UNITS, _TRACKED) if self.tracked_position else _UNITS:
+        for name, unit in (*_TRACKED, *_UNITS) if self.tracked_position else _UNITS:
             statistics: ErrorStatistics = getattr(self, name)
             scale, decimals = (100.0, 2) if unit == "m" else (float(np.degrees(1.0)), 3)
             numbers = [f"{scale * value:.{decimals}f}" for value in asdict(statistics).values()]
-            table.append((f"{_TITLES.get(name, name)} ({'cm' if unit == 'm' else '°'})", numbers))
+            title = name if (name, unit) in _UNITS else f"{name.removeprefix('tracked_')}, tracked"
+            table.append((f"{title} ({'cm' if unit == 'm' else '°'})", numbers))
         return table
 
     def notes(self) -> list[str]:
@@ -119,8 +126,7 @@ class ErrorTable:
 
 COLUMNS = ("mean |e|", "median |e|", "std e", "std |e|", "max |e|")
 _UNITS = (("x", "m"), ("y", "m"), ("position", "m"), ("heading", "rad"))
-_TRACKED = ("tracked_position", "m")
-_TITLES = {"tracked_position": "position, tracked"}
+_TRACKED = tuple((f"tracked_{name}", unit) for name, unit in _UNITS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -207,7 +213,7 @@ def error_table(
     tracked = counted & located[errors.rows]
     if not counted.any():
         raise NothingToCompareError(_why_nothing_is_left(keep, begun, known))
-    values = errors.values[counted]
+    some = _statistics(errors.values[tracked]) if 0 < tracked.sum() < counted.sum() else {}
     levels = np.full((len(trajectory), 2), np.nan) if protection is None else protection
     levels = levels[errors.rows[tracked]]
     bounded = bool(np.isfinite(levels).any())
@@ -216,23 +222,25 @@ def error_table(
     of_position = ProtectionStatistics.of(given_end.position_m()[tracked], levels[:, 0], ALERT_LIMIT_M)
     of_heading = ProtectionStatistics.of(given_end.values[tracked, 2], levels[:, 1], ALERT_LIMIT_RAD)
     return ErrorTable(
-        x=ErrorStatistics.of(values[:, 0]),
-        y=ErrorStatistics.of(values[:, 1]),
-        position=ErrorStatistics.of(np.hypot(values[:, 0], values[:, 1])),
-        heading=ErrorStatistics.of(values[:, 2]),
-        frames=len(values),
+        **_statistics(errors.values[counted]),
+        **{f"tracked_{name}": statistics for name, statistics in some.items()},
+        frames=int(np.sum(counted)),
         skipped=int(np.sum(~keep)),
         before_first=int(np.sum(keep & ~begun)),
         black=int(np.sum(keep & begun & black)),
         without_truth=int(np.sum(keep & begun & ~black & ~known)),
         lost=int(np.sum(counted & ~tracked)),
-        tracked_position=ErrorStatistics.of(errors.position_m()[tracked])
-        if 0 < tracked.sum() < counted.sum()
-        else None,
         protection_position=of_position if bounded else None,
         protection_heading=of_heading if bounded else None,
         end_open=int(np.sum(end_open[errors.rows[tracked]])),
     )
+
+
+def _statistics(values: FloatArray) -> dict[str, Any]:
+    """Of errors (N, 3) of x, y (m) and heading (rad)."""
+    x, y, heading = values.T
+    named = {"x": x, "y": y, "position": np.hypot(x, y), "heading": heading}
+    return {name: ErrorStatistics.of(errors) for name, errors in named.items()}
 
 
 def within(stamp_ns: IntArray, stretches_ns: Sequence[tuple[int, int]]) -> BoolArray:

@@ -39,24 +39,15 @@ class ProtectionStatistics:
         size, bounded = np.abs(errors), np.isfinite(levels)
         misleading = bounded & (size > levels)
         hazardous = misleading & (size > alert_limit) & (levels <= alert_limit)
-        median = float(np.median(levels[bounded])) if bounded.any() else float("nan")
         return cls(
             images=len(size),
             bounded=int(bounded.sum()),
             misleading=int(misleading.sum()),
             hazardous=int(hazardous.sum()),
             unavailable=int(np.sum(bounded & (levels > alert_limit))),
-            median=median,
+            median=float(np.median(levels[bounded])) if bounded.any() else float("nan"),
             alert_limit=alert_limit,
         )
-
-    def misleading_rate_bound(self, confidence: float = 0.95) -> float:
-        """Of the bounded images, no larger ratio is misleading with this confidence (Clopper and Pearson 1934)."""
-        from scipy.stats import beta
-
-        if self.misleading >= self.bounded:
-            return 1.0
-        return float(beta.ppf(confidence, self.misleading + 1, self.bounded - self.misleading))
 
 
 def protection_text(position: ProtectionStatistics, heading: ProtectionStatistics, end_open: int = 0) -> str:

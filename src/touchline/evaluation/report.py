@@ -3,7 +3,7 @@
 import base64
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 
 from touchline.config import leaves
 from touchline.evaluation.latency import milliseconds
-from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
+from touchline.evaluation.metrics import COLUMNS, ErrorTable
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.runner import Thumbnail, said_text
@@ -59,7 +59,6 @@ def write_report(
 
     Raises TouchlineError if it cannot be written.
     """
-    rows = [] if errors is None else [*tracked_rows(data.tracked_errors()), *errors.rows()]
     page = html_page(
         "report.html.jinja",
         _page_data(data, thumbnails, summary) if len(data.table) else None,
@@ -73,8 +72,8 @@ def write_report(
         key=path_key(data),
         has_images=bool(thumbnails),
         columns=list(COLUMNS),
-        error_rows=rows,
-        pictures=[(picture, source) for picture in pictures if (source := _jpeg(picture.image))],
+        error_rows=[] if errors is None else errors.rows(),
+        pictures=[(picture, _jpeg(picture.image)) for picture in pictures],
         said=[(said_text(one), one.code) for one in summary.said],
         settings=leaves(summary.settings),
     )
@@ -115,14 +114,10 @@ def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: RunSumma
 def _key_figures(summary: RunSummary, errors: ErrorTable | None, data: RunData) -> list[tuple[str, str, str]]:
     """Label, value and unit of the figures that come first."""
     tiles = _kidnap_tiles(data)
-    tracked = data.tracked_errors()
     if errors is not None:
-        x, y, heading, position = (
-            (errors.x, errors.y, errors.heading, errors.position)
-            if tracked is None
-            else (tracked["x"], tracked["y"], tracked["heading"], tracked["position"])
-        )
-        which = "" if tracked is None else ", tracked"
+        x, y = errors.tracked_x or errors.x, errors.tracked_y or errors.y
+        heading, position = errors.tracked_heading or errors.heading, errors.tracked_position or errors.position
+        which = "" if errors.tracked_x is None else ", tracked"
         tiles += [
             (f"mean |x|{which}", f"{100 * x.mean:.2f}", "cm"),
             (f"mean |y|{which}", f"{100 * y.mean:.2f}", "cm"),
@@ -159,17 +154,6 @@ def _kidnap_tiles(data: RunData) -> list[tuple[str, str, str]]:
     return tiles
 
 
-def tracked_rows(tracked: dict[str, ErrorStatistics] | None) -> list[tuple[str, list[str]]]:
-    """Rows of the tracked images alone, which come first; none where they are all that count."""
-    if tracked is None:
-        return []
-    named = (("x", 100.0, 2, "cm"), ("y", 100.0, 2, "cm"), ("heading", math.degrees(1.0), 3, "°"))
-    return [
-        (f"{name}, tracked ({unit})", [f"{scale * value:.{digits}f}" for value in asdict(tracked[name]).values()])
-        for name, scale, digits, unit in named
-    ]
-
-
 def path_key(data: RunData) -> list[tuple[str, str]]:
     """What the picture of the path shows, in words, each with the stylesheet's name of its colour."""
     labels = {color: mode.value for mode, color in MODE_COLORS.items()} | {
@@ -182,10 +166,6 @@ def path_key(data: RunData) -> list[tuple[str, str]]:
 
 
 def _jpeg(image: ImageArray) -> str:
-    """An image as the source of one, empty if it cannot be."""
-    done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return _source("jpeg", code.tobytes()) if done else ""
-
-
-def _source(kind: str, data: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+    """An image as the source of one."""
+    code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
+    return f"data:image/jpeg;base64,{base64.b64encode(code.tobytes()).decode('ascii')}"

@@ -120,13 +120,44 @@ class Run:
         """The estimates as a pandas.DataFrame, one row per image: x_m, y_m, heading_rad, their std, status, residual_m,
         points, times, and errors where the truth is known; the index is stamp_ns. Raises InputError without pandas.
         """
-
-        return run_frame(self)
+        try:
+            import pandas
+        except ImportError:
+            raise InputError("Run.frame: is a pandas table, and pandas is not installed: pip install pandas") from None
+        table = self.estimates
+        values, std = table.trajectory.values, table.std
+        columns: dict[str, Any] = {"x_m": values[:, 0], "y_m": values[:, 1], "heading_rad": values[:, 2]}
+        columns |= {"std_x_m": std[:, 0], "std_y_m": std[:, 1], "std_heading_rad": std[:, 2]}
+        columns["status"] = [tuple(Status)[number].value for number in table.status]
+        if table.has_modes:
+            columns["mode"] = [tuple(Mode)[number].value for number in table.mode]
+        columns |= {name: getattr(table, name) for name in ("residual_m", "points", "perception_ms", "localization_ms")}
+        estimated = {name: getattr(table, name) for name in (*PROBABILITIES, *PROTECTION)} | dict(table.statistics)
+        columns |= {name: values for name, values in estimated.items() if not np.isnan(values).all()}
+        if any(table.reasons):
+            columns["reason"] = np.array(table.reasons)[table.reason]
+        truth = None
+        with suppress(InputError):  # the recording may no longer be where it was
+            truth = self.truth
+        if truth is not None:
+            errors = signed_errors(table.trajectory, truth)
+            for column, name in enumerate(("error_x_m", "error_y_m", "error_heading_rad")):
+                columns[name] = np.full(len(table), np.nan)
+                columns[name][errors.rows] = errors.values[:, column]
+        return pandas.DataFrame(columns, index=pandas.Index(table.trajectory.stamp_ns, name="stamp_ns"))
 
     def _repr_html_(self) -> str:
-        """The errors and the path, as a notebook shows them."""
-
-        return run_html(self)
+        """The errors and the path, as a notebook shows them; what can't be read any more is said instead."""
+        head = f"<p><b>{html.escape(repr(self))}</b></p>"
+        try:
+            errors = self.errors
+            table = f"<p>{html.escape(self.why_no_errors)}</p>" if errors is None else errors._repr_html_()
+            picture = path_picture(self.recording().field, self.estimates.trajectory, self.estimates.status, self.truth)
+        except InputError as error:
+            return f"{head}<p>{html.escape(str(error))}</p>"
+        source = base64.b64encode(cv2.imencode(".png", picture)[1].tobytes()).decode("ascii")
+        drawn = f'<img alt="the path" style="max-width:100%" src="data:image/png;base64,{source}">'
+        return f"{head}{table}{drawn}<p>{_LEGEND}</p>"
 
     def __repr__(self) -> str:
         known = self.summary
@@ -172,21 +203,6 @@ _RIM: Color = (255, 255, 255)
 _LEGEND = "Blue: tracking; orange: searching; vermillion: lost; dark line: truth."
 
 
-def run_html(run: Run) -> str:
-    """What a notebook shows of a run: its errors and its path. What can't be read any more is said instead."""
-    head = f"<p><b>{html.escape(repr(run))}</b></p>"
-    try:
-        errors = run.errors
-        table = f"<p>{html.escape(run.why_no_errors)}</p>" if errors is None else errors._repr_html_()
-        picture = path_picture(run.recording().field, run.estimates.trajectory, run.estimates.status, run.truth)
-    except InputError as error:
-        return f"{head}<p>{html.escape(str(error))}</p>"
-    done, code = cv2.imencode(".png", picture)
-    source = base64.b64encode(code.tobytes()).decode("ascii") if done else ""
-    drawn = f'<img alt="the path" style="max-width:100%" src="data:image/png;base64,{source}">'
-    return f"{head}{table}{drawn}<p>{_LEGEND}</p>"
-
-
 def path_picture(field: FieldModel, estimates: Samples, status: Any, truth: Samples | None) -> ImageArray:
     """The field with the true path (dark) and the estimates (N, 3), coloured by status (N,): BGR uint8 (H, W, 3)."""
     picture, view = draw_field(field, _SCALE), field_view(field, _SCALE)
@@ -200,35 +216,3 @@ def path_picture(field: FieldModel, estimates: Samples, status: Any, truth: Samp
         for (u, v), paint in zip(placed, paints, strict=True):
             cv2.circle(picture, (round(u), round(v)), radius, paint, -1, cv2.LINE_AA)
     return picture
-
-
-def run_frame(run: Run) -> Any:
-    """The estimates as a pandas.DataFrame, one row per image, indexed by stamp_ns; with errors where truth is known.
-
-    Raises InputError where pandas is not installed.
-    """
-    try:
-        import pandas
-    except ImportError:
-        raise InputError("Run.frame: is a pandas table, and pandas is not installed: pip install pandas") from None
-    table = run.estimates
-    values, std = table.trajectory.values, table.std
-    columns: dict[str, Any] = {"x_m": values[:, 0], "y_m": values[:, 1], "heading_rad": values[:, 2]}
-    columns |= {"std_x_m": std[:, 0], "std_y_m": std[:, 1], "std_heading_rad": std[:, 2]}
-    columns["status"] = [tuple(Status)[number].value for number in table.status]
-    if table.has_modes:
-        columns["mode"] = [tuple(Mode)[number].value for number in table.mode]
-    columns |= {name: getattr(table, name) for name in ("residual_m", "points", "perception_ms", "localization_ms")}
-    estimated = {name: getattr(table, name) for name in (*PROBABILITIES, *PROTECTION)} | dict(table.statistics)
-    columns |= {name: values for name, values in estimated.items() if not np.isnan(values).all()}
-    if any(table.reasons):
-        columns["reason"] = np.array(table.reasons)[table.reason]
-    truth = None
-    with suppress(InputError):  # the recording may no longer be where it was
-        truth = run.truth
-    if truth is not None:
-        errors = signed_errors(table.trajectory, truth)
-        for column, name in enumerate(("error_x_m", "error_y_m", "error_heading_rad")):
-            columns[name] = np.full(len(table), np.nan)
-            columns[name][errors.rows] = errors.values[:, column]
-    return pandas.DataFrame(columns, index=pandas.Index(table.trajectory.stamp_ns, name="stamp_ns"))

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.metrics import Errors, ErrorStatistics, errors_given_end, within
+from touchline.evaluation.metrics import Errors, signed_errors, within
 from touchline.evaluation.summary import SaidPhrase
 from touchline.field import FieldModel
 from touchline.geometry import BoolArray, FloatArray, IntArray
@@ -34,9 +35,9 @@ class WrongTracking(NamedTuple):
     seconds: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class RunData:
-    """The estimates, the truth (values (M, 3), m and rad) and errors where known.
+    """The estimates and the truth (values (M, 3), m and rad) where it is known.
 
     black_ns: first and last stamp of every stretch of black images. events: what happened, as the recording tells it:
     mappings with `t` (s, on the clock of the stamps) and `kind`. said: what the system said.
@@ -45,10 +46,14 @@ class RunData:
     table: EstimateTable
     field: FieldModel
     truth: Samples | None = None
-    errors: Errors | None = None
     black_ns: Sequence[tuple[int, int]] = ()
     events: Sequence[Mapping[str, Any]] = ()
     said: Sequence[SaidPhrase] = ()
+
+    @cached_property
+    def errors(self) -> Errors | None:
+        """The errors of all estimates that have a truth; None without truth."""
+        return None if self.truth is None else signed_errors(self.table.trajectory, self.truth)
 
     @property
     def first_located(self) -> int:
@@ -69,32 +74,6 @@ class RunData:
         """Time since the first frame (s)."""
         start = self.table.trajectory.stamp_ns[0] if len(self.table) else 0
         return (stamp_ns - start) / 1e9
-
-    def tracked_errors(self) -> dict[str, ErrorStatistics] | None:
-        """Errors of x, y, position (m) and heading (rad) of the frames that were tracked, black ones left out; None if
-        there are none, or if they are all that count.
-        """
-        errors = self.errors_since_located()
-        if errors is None:
-            return None
-        counted = ~within(errors.stamp_ns, self.black_ns)
-        tracked = counted & self.table.has_status(Status.TRACKING)[errors.rows]
-        if not tracked.any() or tracked.sum() == counted.sum():
-            return None
-        x, y, heading = errors.values[tracked].T
-        named = {"x": x, "y": y, "position": np.hypot(x, y), "heading": heading}
-        return {name: ErrorStatistics.of(values) for name, values in named.items()}
-
-    def bounded_errors(self) -> tuple[FloatArray, FloatArray] | None:
-        """Position errors (K,), given the end of the field where it is open, and protection levels (K,) of the tracked
-        images (m), black ones left out, the level NaN where none was given; None without truth or without any level.
-        """
-        if self.errors is None or self.truth is None:
-            return None
-        counted = self._tracked() & ~within(self.errors.stamp_ns, self.black_ns)
-        levels = self.table.protection[self.errors.rows[counted], 0]
-        errors = errors_given_end(self.table.trajectory, self.truth, self.table.end_open)
-        return (errors.position_m()[counted], levels) if np.isfinite(levels).any() else None
 
     def happened(self) -> list[Event]:
         """What the recording tells, in the order of time; where it tells no kidnap, those that the truth shows."""

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 from touchline.camera import PerspectiveCamera, is_perspective
 from touchline.evaluation.latency import FrameTimes
@@ -232,15 +232,8 @@ class FramePicker:
         return [chosen[index] for index in sorted(chosen)]
 
 
-class FrameSource(Protocol):
-    """What a run needs of a source: frames in the order of time, and how many to expect."""
-
-    def __iter__(self) -> Any: ...
-    def __len__(self) -> int: ...
-
-
 def run_frames(
-    source: FrameSource,
+    source: Recording,
     system: System,
     folder: RunFolder,
     *,

@@ -85,7 +85,10 @@ class RunErrors(BaseModel):
     y_m: ErrorStatistics
     position_m: ErrorStatistics
     heading_rad: ErrorStatistics
+    tracked_x_m: ErrorStatistics | None = None
+    tracked_y_m: ErrorStatistics | None = None
     tracked_position_m: ErrorStatistics | None = None
+    tracked_heading_rad: ErrorStatistics | None = None
     frames: int
     skipped: int = 0
     black: int = 0

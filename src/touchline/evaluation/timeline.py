@@ -97,8 +97,8 @@ def page_data(
         "histogram": histogram,
         "field": _field_tree(data.field),
         "pictures": [
-            {"row": _nearest(stamps, picture.stamp_ns), "jpeg": base64.b64encode(picture.jpeg).decode("ascii")}
-            for picture in thumbnails
+            {"row": int(np.argmin(np.abs(stamps - stamp_ns))), "jpeg": base64.b64encode(jpeg).decode("ascii")}
+            for stamp_ns, jpeg in thumbnails
             if len(stamps)
         ],
     }
@@ -278,10 +278,6 @@ def _short(phrase: str) -> str:
     """The beginning of a phrase, as there is room on a curve."""
     head = phrase.partition(":")[0]
     return head if len(head) <= _MAX_LABEL else f"{head[: _MAX_LABEL - 1]}…"
-
-
-def _nearest(stamps: IntArray, stamp_ns: int) -> int:
-    return int(np.argmin(np.abs(stamps - stamp_ns)))
 
 
 def _numbers(values: FloatArray, digits: int) -> list[float | None]:

@@ -20,14 +20,6 @@ def is_address(text: str) -> bool:
     return "://" in text
 
 
-def is_many(given: Sequence[str]) -> bool:
-    """Whether it is anything but one path to a recording on this machine."""
-    path = Path(given[0])
-    listed = path.suffix in _LISTS and path.is_file()
-    holds_some = path.is_dir() and not _is_recording(path) and any(_inside(path))
-    return len(given) > 1 or is_address(given[0]) or listed or holds_some
-
-
 def find_recordings(given: Sequence[str]) -> list[str]:
     """The recordings that are meant, in order, each once: a recording itself, all recordings in a folder at any depth,
     those that a text file lists, and addresses as they are. Paths are absolute, so that a cluster's workers find them.

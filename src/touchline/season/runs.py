@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from touchline.api import prepare, settings_given
 from touchline.errors import InputError, TouchlineError
@@ -28,13 +28,12 @@ from touchline.sources import BagOptions, open_source
 from touchline.systems import system_info
 from touchline.types import Prior, Status
 
-REPORTS = ("all", "failed", "none")
 _PACKAGES = ("touchline", "numpy", "numba")
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is done with each recording. config: a file of settings; report: which runs get a report, of `REPORTS`.
+    """What is done with each recording. config: a file of settings; report: which runs get a report.
 
     Raises InputError for what is wrong for all recordings.
     """
@@ -47,11 +46,9 @@ class Command:
     seed: int = 0
     follow_links: bool = False
     bag: Mapping[str, Any] = field(default_factory=dict)
-    report: str = "all"
+    report: Literal["all", "failed", "none"] = "all"
 
     def __post_init__(self) -> None:
-        if self.report not in REPORTS:
-            raise InputError(f"--report {self.report}: expected one of {', '.join(REPORTS)}")
         file = None if self.config is None else Path(self.config)
         settings_given(system_info(self.system), file, self.overrides, self.preset)
 
@@ -99,21 +96,18 @@ def localize_all(
         _check_same(known, table)
         names = folder_names(recordings, {row["recording"]: name for name, row in table.rows.items()})
         prints = {recording: fingerprint(recording) for recording in recordings}
+        done = {name for name, row in table.rows.items() if not row["failure"] and row["inputs"]}
         tasks = [
             Task(recording, f"{place}/{name}", command)
             for recording, name in zip(recordings, names, strict=True)
-            if not _is_done(table.rows.get(name), prints[recording])
+            if name not in done or table.rows[name]["inputs"] != prints[recording]
         ]
-        for done, row in enumerate(workers.map(localize_one, tasks, ordered=False), start=1):
+        for finished, row in enumerate(workers.map(localize_one, tasks, ordered=False), start=1):
             row |= {"inputs": prints[row["recording"]], "command": json.dumps(known)}
             table.rows[row["run"]] = row
             table.write(names)
-            on_row(row, len(tasks) - done)
+            on_row(row, len(tasks) - finished)
         return [table.rows[name] for name in names]
-
-
-def _is_done(row: Row | None, inputs: str) -> bool:
-    return row is not None and not row["failure"] and row["inputs"] == inputs != ""
 
 
 def _check_same(command: Mapping[str, Any], table: Table) -> None:

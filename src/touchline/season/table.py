@@ -12,7 +12,7 @@ from typing import Any
 
 from touchline.config import leaves, settings_tree
 from touchline.errors import InputError
-from touchline.evaluation.summary import RunErrors, RunSummary
+from touchline.evaluation.summary import RunSummary
 from touchline.files.new import replace_file
 from touchline.files.opened import read_bytes
 from touchline.season.recordings import is_address, opened
@@ -25,12 +25,26 @@ _TEXTS = (
     *("run", "recording", "field", "system", "settings", "version", "started"),
     *("notices", "problems", "said", "ended", "failure", "inputs", "command"),
 )
-_COUNTS = ("seed", "images", "tracking", "searching", "lost", "missing_images", "black_images", "end_open_images")
-_FIGURES = (
-    *("duration_s", "rate_images_s", "time_median_ms", "time_p99_ms"),
-    *("position_mean_m", "position_median_m", "position_max_m", "heading_mean_rad", "heading_max_rad"),
-    *("tracked_position_mean_m", "tracked_position_max_m"),
-)
+# columns of numbers, each with its place in a run's summary
+_COUNTS = {
+    **{"seed": "seed", "images": "frames"},
+    **{name: f"status.{name}" for name in ("tracking", "searching", "lost")},
+    **{"missing_images": "missing_images", "black_images": "black_images.count"},
+    "end_open_images": "either_side.count",
+}
+_FIGURES = {
+    "duration_s": "duration_s",
+    "rate_images_s": "rate_fps",
+    "time_median_ms": "latency_ms.total.median",
+    "time_p99_ms": "latency_ms.total.p99",
+    "position_mean_m": "errors.position_m.mean",
+    "position_median_m": "errors.position_m.median",
+    "position_max_m": "errors.position_m.max",
+    "heading_mean_rad": "errors.heading_rad.mean",
+    "heading_max_rad": "errors.heading_rad.max",
+    "tracked_position_mean_m": "errors.tracked_position_m.mean",
+    "tracked_position_max_m": "errors.tracked_position_m.max",
+}
 COLUMNS = (*_TEXTS[:7], *_COUNTS, *_FIGURES, *_TEXTS[7:])
 
 
@@ -78,41 +92,18 @@ def row_of(summary: RunSummary) -> Row:
     defaults = leaves(settings_tree(system_info(summary.system).settings()))
     changed = [f"{key}={value}" for key, value in leaves(summary.settings).items() if defaults.get(key) != value]
     problems = [f"{count} × {kind}" for kind, count in summary.problems.counts.items()]
-    latency_ms = summary.latency_ms.total
+    known = leaves(summary.model_dump())
     return {
         "field": summary.recording.field,
         "system": summary.system,
         "settings": "; ".join(changed),
         "version": summary.versions["touchline"],
         "started": summary.started,
-        "seed": summary.seed,
-        "images": summary.frames,
-        **summary.status,
-        "missing_images": summary.missing_images,
-        "black_images": summary.black_images.count,
-        "end_open_images": summary.either_side.count,
-        "duration_s": summary.duration_s,
-        "rate_images_s": summary.rate_fps,
-        "time_median_ms": latency_ms.median,
-        "time_p99_ms": latency_ms.p99,
-        **({} if summary.errors is None else _errors(summary.errors)),
+        **{column: known.get(place) for column, place in (_COUNTS | _FIGURES).items()},
         "notices": " ".join(summary.notices),
         "problems": "; ".join(problems),
         "said": "; ".join(each.what for each in summary.said),
         "ended": summary.ended,
-    }
-
-
-def _errors(errors: RunErrors) -> Row:
-    position, heading, tracked = errors.position_m, errors.heading_rad, errors.tracked_position_m
-    return {
-        "position_mean_m": position.mean,
-        "position_median_m": position.median,
-        "position_max_m": position.max,
-        "heading_mean_rad": heading.mean,
-        "heading_max_rad": heading.max,
-        "tracked_position_mean_m": None if tracked is None else tracked.mean,
-        "tracked_position_max_m": None if tracked is None else tracked.max,
     }
 
 

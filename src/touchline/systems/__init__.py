@@ -11,7 +11,7 @@ from touchline.camera import OmniCamera, PerspectiveCamera
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel
-from touchline.given import given_name, given_seed
+from touchline.given import given_seed, refused
 from touchline.messages import did_you_mean
 from touchline.plugins import entry_points_of, load
 from touchline.systems.info import LocalizationSystem, Needs, SystemInfo
@@ -66,7 +66,8 @@ SYSTEMS = _Systems()
 
 def system_info(name: str) -> SystemInfo:
     """The named system. Raises InputError with the nearest known name."""
-    given_name("system", f"a name: {', '.join(SYSTEMS)}", name)
+    if not isinstance(name, str):
+        raise refused("system", f"a name: {', '.join(SYSTEMS)}", name)
     info = SYSTEMS.get(name)
     if info is None:
         raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")

@@ -211,11 +211,8 @@ def _names(suite: Suite) -> list[str]:
 def _follow(done: Iterator[int], total: int) -> None:
     """A bar for what goes on."""
     with steps_shown("drives", total) as advance:
-        before = 0
         for number in done:
-            for _ in range(number - before):
-                advance()
-            before = number
+            advance(completed=number)
 
 
 def _tell(suite: Suite, results: Path) -> None:
