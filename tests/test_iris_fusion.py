@@ -28,7 +28,6 @@ from touchline.types import (
     Prior,
     Samples,
     Status,
-    empty_points,
     points_at,
 )
 from touchline_lab.simulation.run import Simulation
@@ -224,7 +223,7 @@ def test_particles_of_a_robot_in_its_own_half_never_wander_to_the_other_before_i
         for k, frame in enumerate(frames):
             assert frame.observation is not None
             points = frame.observation.points
-            points = strewn(points, rng) if k < 3 else empty_points() if k < 23 else points
+            points = strewn(points, rng) if k < 3 else LinePoints.none() if k < 23 else points
             estimates.append(made.step(replace(frame, observation=Observation(frame.stamp_ns, points))))
         assert all(e.status is Status.TRACKING for e in estimates[33:])
         assert all(off_m(e, here) < 0.1 for e in estimates if e.status is Status.TRACKING)

@@ -26,7 +26,7 @@ from touchline.published.nubot_mcl.particles import NubotParticleSettings
 from touchline.published.nubot_mcl.system import NubotMcl, NubotMclSettings
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
-from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
 # from, to in degrees, in the image; the last is a contiguous half, which the papers don't have
@@ -303,7 +303,7 @@ def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_l
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
     made = make()
     estimates = stand(made, here, range(8), 0.3)
-    estimates += [made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), 0.3)) for k in range(8, 12)]
+    estimates += [made.step(frame(k, LinePoints.none(), Pose(0.0, 0.0, 0.0), 0.3)) for k in range(8, 12)]
     estimates += stand(made, there, range(12, 20), -2.0)
     followed = [e.status is Status.TRACKING for e in estimates]
     assert followed[-1]
@@ -329,7 +329,7 @@ def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
     assert len(made.particles.particles) == 1
     assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)
     for k in range(20, 23):
-        made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), -2.0))
+        made.step(frame(k, LinePoints.none(), Pose(0.0, 0.0, 0.0), -2.0))
     after = stand(made, there, range(23, 40), -2.0)[-1]
     assert after.status is Status.TRACKING
     assert error_m(after, there) < 0.1
@@ -383,7 +383,7 @@ def test_particles_alone_are_not_started_anew_while_they_follow() -> None:
 def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None:
     made = system()
     for k in range(3):
-        estimate = made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), 0.3))
+        estimate = made.step(frame(k, LinePoints.none(), Pose(0.0, 0.0, 0.0), 0.3))
         assert estimate.status is Status.SEARCHING
     assert stand(made, Pose(2.0, 1.0, 0.3), range(3, 10), 0.3)[-1].status is Status.TRACKING
 

@@ -35,7 +35,7 @@ from touchline.motion.odometry import Motion
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline
-from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status, no_landmarks
+from touchline.types import Estimate, Evidence, Frame, Landmarks, Lines, Observation, Prior, Status
 from touchline_lab.experiments.drives import Drive
 from touchline_lab.experiments.injections import FALL_S, fallen
 from touchline_lab.experiments.schulz_runs import with_false_crossings
@@ -131,7 +131,7 @@ def test_a_start_in_the_wrong_half_is_found_out_by_colours() -> None:
 def test_a_given_end_counts_as_a_prior_until_colours_confirm_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Given and not yet seen: one in 150 is given wrongly, and that is said; goals and poles settle it."""
     monkeypatch.setattr(field_end, "UNDECIDED_S", 4.0)
-    seen = [replace(frame.observation or Observation(0), landmarks=no_landmarks()) for frame in walk(COLOURED)[1]]
+    seen = [replace(frame.observation or Observation(0), landmarks=Landmarks.none()) for frame in walk(COLOURED)[1]]
     frames = tuple(replace(frame, observation=one) for frame, one in zip(walk(COLOURED)[1], seen, strict=True))
     blind = localized(COLOURED, near_start(COLOURED), frames)
     assert all(0.006 < (e.twin_probability or 0.0) < 0.0075 for e in blind)
