@@ -42,16 +42,13 @@ _Scale = Annotated[
     float | None,
     typer.Option("--scale", min=1.0, max=500.0, help=f"Pixels per metre of the picture (default: {_SCALE:g})."),
 ]
-_Letters = Annotated[
-    bool, typer.Option("--letters/--no-letters", help="Draw the rulebook's letters into the picture, where known.")
-]
 
 
 @fields_app.callback(invoke_without_command=True)
 def fields(ctx: typer.Context, output: _Picture = None, scale: _Scale = None) -> None:
     """List the preset fields; with NAME or FILE show one field; with new make your own, with measure measure it.
 
-    touchline fields show msl-18x12 -o field.png   shows and draws one, with the rulebook's letters.
+    touchline fields show msl-18x12 -o field.png   shows and draws one.
     """
     if ctx.invoked_subcommand != "show" and (output is not None or scale is not None):
         raise InputError("--output and --scale draw one field: touchline fields NAME --output PICTURE.png")
@@ -66,7 +63,6 @@ def show(
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, a field.yaml or a recording.")],
     output: _Picture = None,
     scale: _Scale = None,
-    letters: _Letters = True,
 ) -> None:
     """Show one field: its sizes, lines, crossings, posts and poles."""
     before = ctx.obj if isinstance(ctx.obj, tuple) else (None, None)  # options may stand before the name, too
@@ -77,7 +73,11 @@ def show(
     say(f"{field.name}: {field.description}" if field.description else field.name)
     _print_tables(field)
     if output is not None:
-        _draw(field, output, scale if scale is not None else _SCALE, letters)
+        from touchline.field.drawing import draw_field
+        from touchline.view.picture_files import check_new_picture, save_picture
+
+        check_new_picture(output)
+        save_picture(output, draw_field(field, scale if scale is not None else _SCALE))
         say(f"drawn into {output}")
 
 
@@ -212,18 +212,6 @@ def _table(*titles: str, rows: Iterable[Sequence[str]], numbers_from: int | None
     for column in table.columns[numbers_from if numbers_from is not None else len(titles) :]:
         column.no_wrap = True
     return table
-
-
-def _draw(field: FieldModel, path: Path, pixels_per_metre: float, letters: bool) -> None:
-    from touchline.field.drawing import draw_field, field_view
-    from touchline.field.lettering import draw_letters
-    from touchline.view.picture_files import check_new_picture, save_picture
-
-    check_new_picture(path)
-    picture = draw_field(field, pixels_per_metre)
-    if letters:
-        picture = draw_letters(picture, field, field_view(field, pixels_per_metre))
-    save_picture(path, picture)
 
 
 # --- measure ----------------------------------------------------------------------------------------------------------
