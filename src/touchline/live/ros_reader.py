@@ -24,7 +24,7 @@ from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.pixels import image_pixels
 from touchline.sources.bags.readings import attitude_of, cloud_points, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.team_features import FeatureRow
-from touchline.sources.bags.transforms import FrameTree, TransformOdometry
+from touchline.sources.bags.transforms import FrameTree, TransformOdometry, header_stamp_ns
 from touchline.sources.observations import observation_of
 from touchline.sources.truth import heading_of
 from touchline.types import MAX_OBSERVED_POINTS, Observation, points_at
@@ -49,7 +49,6 @@ FIXED_TYPES = {
 }
 _PLANE = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw of a covariance (6, 6)
 _WAIT_NS = 30_000_000  # for the slower of two topics that tell of one image
-_SECOND_NS = 1_000_000_000
 
 
 class RosReader:
@@ -103,7 +102,7 @@ class RosReader:
             for stamp_ns, *planar in self._odometry.moved(placed) if self.odometry_by_transforms else ():
                 yield Reading("odometry", stamp_ns, tuple(planar))
         elif role == CLOCK:
-            self._clock_ns = int(message.clock.sec) * _SECOND_NS + int(message.clock.nanosec)
+            self._clock_ns = int(message.clock.sec) * 1_000_000_000 + int(message.clock.nanosec)
         elif role == FIRST_POSE:
             place, turn = place_and_turn(message)
             covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[_PLANE]
@@ -152,8 +151,7 @@ class RosReader:
         """
         if not hasattr(message, "header"):
             return (time.time_ns() if self._clock_ns is None else self._clock_ns) - self._late_ns
-        stamp = message.header.stamp
-        return int(stamp.sec) * _SECOND_NS + int(stamp.nanosec)
+        return header_stamp_ns(message.header)
 
     def _inertial(self, message: Any, rates_too: bool, with_compass: bool) -> Iterator[Heard]:
         stamp_ns, sensor = self._stamp(message), self._tree.base_from(message, self._wanted)
