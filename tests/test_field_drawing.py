@@ -10,7 +10,6 @@ import pytest
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.field.drawing import CARPET, COLORS, NET, PAINT, draw_field, field_view
-from touchline.field.lettering import dimension_lines, draw_letters
 from touchline.geometry import ByteArray, FloatArray
 
 
@@ -96,18 +95,3 @@ def test_the_margin_can_be_chosen() -> None:
 def test_a_scale_that_makes_no_picture_is_refused(scale: float) -> None:
     with pytest.raises(InputError, match="field drawing"):
         draw_field(open_field("spl-9x6"), scale)
-
-
-@pytest.mark.parametrize("name", preset_names())
-def test_dimension_lines_are_as_long_as_their_letters_and_in_the_picture(name: str) -> None:
-    field, lines = open_field(name), dimension_lines(open_field(name))
-    assert set(lines) == {letter for letter in "ABCDEFGHIJKL" if field.letters.get(letter)}
-    view = field_view(field, 40.0)
-    for letter, ends in lines.items():
-        assert math.dist(*ends) == pytest.approx(field.letters[letter])
-        pixels = view.picture_from_field(ends)
-        assert np.all((pixels >= -1.0) & (pixels <= (view.width, view.height)))
-    bare = draw_field(field, 40.0)
-    before = bare.copy()
-    assert (draw_letters(bare, field, view) != bare).any()
-    assert np.array_equal(bare, before)

@@ -28,7 +28,7 @@ from touchline.published.nubot.matcher import (
     Matcher,
     MatchingSettings,
 )
-from touchline.types import LinePoints, empty_points
+from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")
 MAP = FIELD.distance_map()
@@ -128,7 +128,7 @@ def test_weights_fall_with_the_variance_and_follow_the_confidence() -> None:
     assert weights.sum() == pytest.approx(1.0)
     assert weights[0] / weights[1] == pytest.approx((0.1**2 + 0.03**2) / (0.01**2 + 0.03**2))
     assert weights[1] / weights[2] == pytest.approx(2.0)
-    assert len(precision_weights(empty_points(), WeightSettings())) == 0
+    assert len(precision_weights(LinePoints.none(), WeightSettings())) == 0
     near, far = range_weights(np.array([[1.0, 0.0], [0.0, 6.0]]), WeightSettings())
     assert near / far == pytest.approx(((0.04 + 0.12) / (0.04 + 0.02)) ** 2)
 

@@ -52,7 +52,7 @@ def counted(picture: ElementTree.Element, kind: str) -> int:
     return sum(part.tag.endswith(kind) for part in picture.iter())
 
 
-def test_an_estimate_is_a_table_of_its_poses_and_a_picture_of_them_in_a_notebook() -> None:
+def test_an_estimate_is_a_table_of_its_poses_in_a_notebook_and_marks_on_a_field() -> None:
     pose, covariance = touchline.Pose(1.0, -2.5, np.radians(90.0)), np.diag([0.0004, 0.0009, np.radians(0.5) ** 2])
     seen = touchline.Observation(0, np.array([[1.0, 0.0], [2.0, 0.0]]))
     others = (Hypothesis(pose.mirrored(), 0.012, 0.25, covariance), Hypothesis(touchline.Pose(3.0, 0.0, 0.0), np.nan))
@@ -66,8 +66,9 @@ def test_an_estimate_is_a_table_of_its_poses_and_a_picture_of_them_in_a_notebook
     assert shown.count("<tr><th>or</th>") == 2
     assert "<p>gyro: &lt; 0</p>" in shown
     assert "nan" not in shown
-    assert (counted(drawn(shown), "polygon"), counted(drawn(shown), "ellipse")) == (3, 2)
-    assert "M1.00,-1.50h0 M1.00,-0.50h0" in shown  # the points, as seen from the pose
+    marks = estimate.svg_marks()
+    assert (marks.count("<polygon"), marks.count("<ellipse")) == (3, 2)
+    assert "M1.00,-1.50h0 M1.00,-0.50h0" in marks  # the points, as seen from the pose
 
 
 def test_a_run_is_a_pandas_table_where_pandas_is(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from touchline.published.nubot_mcl.alone import NubotMclAlone, NubotMclAloneSett
 from touchline.published.nubot_mcl.particle_localizer import CONFIRMATIONS
 from touchline.published.nubot_mcl.system import NubotMcl, NubotMclSettings
 from touchline.systems import RobotSetup, open_system
-from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
 
@@ -88,7 +88,7 @@ def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
     assert len(made.particles.particles) == 1
     assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)
     for k in range(20, 23):
-        made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), -2.0))
+        made.step(frame(k, LinePoints.none(), Pose(0.0, 0.0, 0.0), -2.0))
     after = stand(made, there, range(23, 40), -2.0)[-1]
     assert after.status is Status.TRACKING
     assert error_m(after, there) < 0.1
@@ -126,6 +126,6 @@ def test_a_poor_calibration_is_believed_after_some_starts(step_m: float) -> None
 def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None:
     made = system()
     for k in range(3):
-        estimate = made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), 0.3))
+        estimate = made.step(frame(k, LinePoints.none(), Pose(0.0, 0.0, 0.0), 0.3))
         assert estimate.status is Status.SEARCHING
     assert stand(made, Pose(2.0, 1.0, 0.3), range(3, 10), 0.3)[-1].status is Status.TRACKING

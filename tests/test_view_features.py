@@ -21,8 +21,6 @@ from touchline.types import (
     Lines,
     Observation,
     Status,
-    no_landmarks,
-    no_lines,
 )
 from touchline.view.belief import GUESS_COLOR, belief_picture
 from touchline.view.look import look_at_recording
@@ -94,7 +92,7 @@ def test_what_lies_outside_the_image_is_left_out(view: GroundView) -> None:
 
 def test_nothing_seen_has_no_legend(view: GroundView) -> None:
     canvas = Canvas(np.zeros((960, 1280, 3), dtype=np.uint8), view, 2)
-    assert draw_features(canvas, Observation(0, lines=no_lines(), landmarks=no_landmarks())) == []
+    assert draw_features(canvas, Observation(0, lines=Lines.none(), landmarks=Landmarks.none())) == []
 
 
 def test_a_humanoids_stages_end_with_the_belief(small_data: Path) -> None:

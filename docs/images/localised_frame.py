@@ -24,7 +24,7 @@ from touchline.motion.attitude import view_at
 from touchline.perception.feature_pictures import CROSSING_PAINT, LINE_PAINT
 from touchline.sources import open_source
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
-from touchline.types import ImageArray, Observation, Prior, empty_points
+from touchline.types import ImageArray, LinePoints, Observation, Prior
 from touchline.view.overlay import LINE_COLOR, ON_LINE_COLOR, overlay_image
 
 PATH_COLOR = (60, 220, 255)  # BGR
@@ -48,7 +48,7 @@ class Moment(NamedTuple):
 def main(mirror: Path, mirror_index: int, humanoid: Path, humanoid_index: int, picture: Path) -> None:
     """Write the picture: the mirror robot above, the humanoid below."""
     above, below = localised(mirror, mirror_index), localised(humanoid, humanoid_index)
-    below = below._replace(seen=replace(below.seen, points=empty_points()))  # they lie on the lines
+    below = below._replace(seen=replace(below.seen, points=LinePoints.none()))  # they lie on the lines
     disc = overlay_image(above.image, above.view, above.field, above.pose, above.seen, scale=3)
     disc = cv2.resize(_round(disc, above.view.camera, 3), (HIGH_PX, HIGH_PX), interpolation=cv2.INTER_AREA)
     frame = overlay_image(below.image, below.view, below.field, below.pose, below.seen, scale=2)

@@ -16,8 +16,8 @@ import yaml
 
 from touchline.calibration.marks import Marks
 from touchline.camera import PerspectiveCamera, PinholeCamera
-from touchline.camera.reading import read_image_size, read_numbers, read_pixels
 from touchline.errors import InputError
+from touchline.files.images import MAX_SIDE_PX
 from touchline.geometry import FloatArray, Pose3
 from touchline.sources import Recording
 
@@ -113,17 +113,11 @@ def lens_of(tree: Mapping[str, Any], path: Path) -> Lens:
     """The lens of a camera.yaml, which needs no mount yet. Raises InputError for what is no perspective camera."""
     if tree.get("model") != "pinhole":
         raise InputError(f"{path}: has 'model: {tree.get('model')}'; a perspective camera, 'model: pinhole', is needed")
-    missing = [key for key in ("width", "height", "fx", "fy", "cx", "cy") if key not in tree]
-    if missing:
-        raise InputError(f"{path}: '{missing[0]}' must be a number")
-    width, height = read_image_size(tree, path)
-    fx, fy, cx, cy = (read_pixels(tree[key], path, key) for key in ("fx", "fy", "cx", "cy"))
-    if min(fx, fy) < 1.0:
-        raise InputError(f"{path}: 'fx' and 'fy' must be at least 1 px, found {min(fx, fy):g}")
-    distortion = read_numbers(tree.get("distortion", [0.0] * 5), path, "distortion", 1)
-    if distortion.shape != (5,):
-        raise InputError(f"{path}: 'distortion' needs five numbers: k1, k2, p1, p2, k3")
-    return Lens(width, height, fx, fy, cx, cy, distortion, path.name)
+    upright = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), 0.0) | {"z": 1.0}
+    of = PinholeCamera.from_mapping({**tree, "mount": upright}, path)
+    if not 1.0 <= min(of.fx, of.fy) <= max(of.fx, of.fy) < MAX_SIDE_PX:
+        raise InputError(f"{path}: 'fx' and 'fy' must be 1 to {MAX_SIDE_PX} px, found {of.fx:g} and {of.fy:g}")
+    return Lens(of.width, of.height, of.fx, of.fy, of.cx, of.cy, of.distortion, path.name)
 
 
 def lens_of_marks(marks: Marks, size: tuple[int, int]) -> Lens:

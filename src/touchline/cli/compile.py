@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
-    from touchline.types import ImageArray
+    from touchline.types import ImageArray, LinePoints
 
 
 def compile_loops(
@@ -163,7 +163,7 @@ def _walk_example(system: str) -> None:
     from touchline.geometry import Pose, Pose3
     from touchline.localizer import Localizer
     from touchline.perception import LineGraphDetector, LineGraphSettings
-    from touchline.types import Frame, empty_points
+    from touchline.types import Frame
 
     field = open_field("indoor-9x6")
     mount = Pose3.from_roll_pitch_yaw(0.0, 0.35, 0.0, (0.0, 0.0, 1.1))
@@ -175,7 +175,7 @@ def _walk_example(system: str) -> None:
         seen = detector.observe(Frame(stamp_ns, image=drawn_image(field, camera, pose)))
         robot.add_odometry(stamp_ns, pose.x, pose.y, pose.heading)
         # without its points, which would be a mirror's where nobody tells of the camera
-        robot.localize(stamp_ns, observation=replace(seen, points=empty_points()))
+        robot.localize(stamp_ns, observation=replace(seen, points=LinePoints.none()))
     white = open_field("humanoid-kid-9x6")
     image = drawn_image(white, camera, Pose(1.5, 0.3, 0.0))
     detector = LineGraphDetector(camera, LineGraphSettings(), white)

@@ -38,7 +38,7 @@ fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new 
 def fields(ctx: typer.Context) -> None:
     """List the preset fields; with NAME or FILE show one field; with new make your own, with measure measure it.
 
-    touchline fields show msl-18x12 -o field.png   shows and draws one, with the rulebook's letters.
+    touchline fields show msl-18x12 -o field.png   shows and draws one.
     """
     if ctx.invoked_subcommand is None:
         _list_presets()
@@ -51,7 +51,6 @@ def show(
         Path | None, typer.Option("--output", "-o", metavar="PICTURE.png", help="Draw the field into a new picture.")
     ] = None,
     scale: Annotated[float, typer.Option(min=1.0, max=500.0, help="Pixels per metre of the picture.")] = 50.0,
-    letters: Annotated[bool, typer.Option(help="Draw the rulebook's letters into the picture, where known.")] = True,
 ) -> None:
     """Show one field: its sizes, lines, crossings, posts and poles; the word show may be left out."""
     from touchline.field import open_field
@@ -60,7 +59,11 @@ def show(
     say(f"{field.name}: {field.description}" if field.description else field.name)
     _print_tables(field)
     if output is not None:
-        _draw(field, output, scale, letters)
+        from touchline.field.drawing import draw_field
+        from touchline.view.picture_files import check_new_picture, save_picture
+
+        check_new_picture(output)
+        save_picture(output, draw_field(field, scale))
         say(f"drawn into {output}")
 
 
@@ -195,18 +198,6 @@ def _table(*titles: str, rows: Iterable[Sequence[str]], numbers_from: int | None
     for column in table.columns[numbers_from if numbers_from is not None else len(titles) :]:
         column.no_wrap = True
     return table
-
-
-def _draw(field: FieldModel, path: Path, pixels_per_metre: float, letters: bool) -> None:
-    from touchline.field.drawing import draw_field, field_view
-    from touchline.field.lettering import draw_letters
-    from touchline.view.picture_files import check_new_picture, save_picture
-
-    check_new_picture(path)
-    picture = draw_field(field, pixels_per_metre)
-    if letters:
-        picture = draw_letters(picture, field, field_view(field, pixels_per_metre))
-    save_picture(path, picture)
 
 
 # --- measure ----------------------------------------------------------------------------------------------------------

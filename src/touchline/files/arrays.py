@@ -1,11 +1,8 @@
 """Arrays in an archive (.npz): of a bounded size, numbers and text alone."""
 
 import io
-import lzma
 import math
-import tokenize
 import zipfile
-import zlib
 from typing import Any
 
 import numpy as np
@@ -14,22 +11,6 @@ import numpy.typing as npt
 from touchline.errors import InputError
 
 _MAX_ITEM_BYTES = 400  # a text of 100 letters
-NOT_AN_ARCHIVE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    tokenize.TokenError,
-    ArithmeticError,
-    EOFError,
-    LookupError,
-    NotImplementedError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
-"""What zipfile and NumPy raise for an archive that is none, or is damaged, encrypted or packed in another way."""
 
 
 def stored_array(
@@ -37,8 +18,8 @@ def stored_array(
 ) -> npt.NDArray[Any]:
     """One array of an archive; its size and shape are looked at before memory is taken for it.
 
-    shape: None for a side of any length. Raises InputError for another size or shape, and one of `NOT_AN_ARCHIVE` for
-    what is no array.
+    shape: None for a side of any length. Raises InputError for another size or shape; what zipfile and NumPy raise of
+    an archive that is none, is damaged, encrypted or packed in another way, may be any exception.
     """
     member = stored.getinfo(f"{name}.npy")
     if member.file_size > most_bytes:

@@ -13,20 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, PerspectiveCamera, camera_from_mapping
-from touchline.errors import InputError
-from touchline.geometry import Pose, Pose3
+from touchline.camera import Camera, camera_from_mapping
+from touchline.geometry import Pose
 from touchline.live.datagrams import Datagrams
 from touchline.live.heard import Described, Heard, Reading, Sight, Start, count_refused
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_file import camera_mapping
 from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.gathering import Gathering
-from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.pixels import image_pixels
 from touchline.sources.bags.readings import attitude_of, cloud_points, place_and_turn, planar_pose, rates_of
-from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, TransformOdometry, plain
+from touchline.sources.bags.team_features import FeatureRow
+from touchline.sources.bags.transforms import FrameTree, TransformOdometry, header_stamp_ns
 from touchline.sources.observations import observation_of
 from touchline.sources.truth import heading_of
 from touchline.types import MAX_OBSERVED_POINTS, Observation, points_at
@@ -51,7 +49,6 @@ FIXED_TYPES = {
 }
 _PLANE = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw of a covariance (6, 6)
 _WAIT_NS = 30_000_000  # for the slower of two topics that tell of one image
-_SECOND_NS = 1_000_000_000
 
 
 class RosReader:
@@ -63,11 +60,8 @@ class RosReader:
 
     def __init__(self, base: str | None = None, camera: Camera | None = None, late_ms: float = 0.0) -> None:
         self._wanted, self._late_ns = base, round(1e6 * late_ms)
-        self.camera = camera
-        """That of the images, given or described."""
         self._tree = FrameTree()
-        mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
-        self._track = CameraTrack(self._tree, base, mount)
+        self._track = CameraTrack(self._tree, base, camera)
         self._info: Any = None  # CameraInfo, until transforms tell where the camera is
         self._odometry = TransformOdometry(self._tree, base)
         self.odometry_by_transforms = False
@@ -77,6 +71,11 @@ class RosReader:
         self._seen: Gathering[FeatureRow] = Gathering(_WAIT_NS)
         self._arrived: dict[int, float] = {}
         self.counted: Counter[str] = Counter()
+
+    @property
+    def camera(self) -> Camera | None:
+        """That of the images, given or described."""
+        return self._track.camera
 
     @property
     def refused(self) -> Counter[str]:
@@ -103,7 +102,7 @@ class RosReader:
             for stamp_ns, *planar in self._odometry.moved(placed) if self.odometry_by_transforms else ():
                 yield Reading("odometry", stamp_ns, tuple(planar))
         elif role == CLOCK:
-            self._clock_ns = int(message.clock.sec) * _SECOND_NS + int(message.clock.nanosec)
+            self._clock_ns = int(message.clock.sec) * 1_000_000_000 + int(message.clock.nanosec)
         elif role == FIRST_POSE:
             place, turn = place_and_turn(message)
             covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[_PLANE]
@@ -123,7 +122,7 @@ class RosReader:
             yield from self._points(message)
         elif role in roles.FEATURES:
             stamp_ns, now_ns = self._stamp(message), time.monotonic_ns()
-            rows = self._features(role, stamp_ns, message)[:MAX_OBSERVED_POINTS]
+            rows = self._track.features(role, stamp_ns, message)[:MAX_OBSERVED_POINTS]
             self._arrived.setdefault(stamp_ns, now_ns / 1e9)
             self._seen.add(role, stamp_ns, rows, now_ns)
             yield from self.due()
@@ -143,8 +142,8 @@ class RosReader:
         if isinstance(mapping, str):
             count_refused(self.counted, f"an image without a camera: {mapping}; --camera FILE gives one")
             return
-        self.camera, self._info = camera_from_mapping(mapping, Path("CameraInfo")), None
-        yield Described(self.camera)
+        self._track.camera, self._info = camera_from_mapping(mapping, Path("CameraInfo")), None
+        yield Described(self._track.camera)
 
     def _stamp(self, message: Any) -> int:
         """The stamp of a message's header (ns); of one without, the time now by /clock, else by this machine, less the
@@ -152,19 +151,10 @@ class RosReader:
         """
         if not hasattr(message, "header"):
             return (time.time_ns() if self._clock_ns is None else self._clock_ns) - self._late_ns
-        stamp = message.header.stamp
-        return int(stamp.sec) * _SECOND_NS + int(stamp.nanosec)
-
-    def _features(self, role: str, stamp_ns: int, message: Any) -> list[FeatureRow]:
-        """Raises InputError for features in pixels where the camera, or how it leaned, is not known."""
-        if not in_pixels(message):
-            return feature_rows(role, message, self._base_from(message))
-        if self.camera is None:
-            raise InputError("features in pixels need a CameraInfo beside an image, or --camera")
-        return pixel_feature_rows(role, message, self._track.view(self.camera, message.header.frame_id, stamp_ns))
+        return header_stamp_ns(message.header)
 
     def _inertial(self, message: Any, rates_too: bool, with_compass: bool) -> Iterator[Heard]:
-        stamp_ns, sensor = self._stamp(message), self._base_from(message)
+        stamp_ns, sensor = self._stamp(message), self._tree.base_from(message, self._wanted)
         rates, attitude = rates_of(message, sensor), attitude_of(message, sensor)
         if rates_too and rates is not None:
             yield Reading("gyro", stamp_ns, rates)
@@ -192,12 +182,6 @@ class RosReader:
         if isinstance(points, str):
             count_refused(self.counted, f"a cloud of points {points}")
             return
-        seen = points_at(np.ascontiguousarray(self._base_from(message).transform(points)[:, :2]))
+        seen = points_at(np.ascontiguousarray(self._tree.base_from(message, self._wanted).transform(points)[:, :2]))
         stamp_ns = self._stamp(message)
         yield Sight(stamp_ns, time.monotonic(), observation=Observation(stamp_ns, seen))
-
-    def _base_from(self, message: Any) -> Pose3:
-        """`base_from_sensor`; a sensor that no transform places is in the base."""
-        base = self._tree.base(self._wanted) if hasattr(message, "header") else None
-        found = None if base is None else self._tree.pose(base, plain(message.header.frame_id))
-        return found or Pose3.identity()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from touchline.errors import InputError
-from touchline.files.arrays import NOT_AN_ARCHIVE, stored_array
+from touchline.files.arrays import stored_array
 from touchline.files.new import write_new_file
 from touchline.files.opened import read_bytes
 from touchline.geometry import FloatArray
@@ -50,7 +50,7 @@ def load_colours(path: str | Path) -> ColourModel:
             arrays = {name: stored_array(stored, name, shape, _MAX_BYTES) for name, shape in shapes.items()}
     except InputError as error:
         raise InputError(f"{path}: is damaged: {error}") from None
-    except NOT_AN_ARCHIVE:
+    except Exception:  # whatever zipfile and NumPy raise of what is no such archive
         raise InputError(f"{path}: is not a colour table; make one with touchline calibrate colour") from None
     if written != _FORMAT:
         raise InputError(f"{path}: is a colour table of another format ({written:.40}); make it anew")

@@ -29,11 +29,7 @@ from touchline.types.seen import (
     Lines,
     Observation,
     check_point_count,
-    empty_points,
     generic_covariances,
-    no_crossings,
-    no_landmarks,
-    no_lines,
     points_at,
 )
 from touchline.types.system import (
@@ -73,10 +69,6 @@ __all__ = [
     "WeightedPose",
     "as_prior",
     "check_point_count",
-    "empty_points",
     "generic_covariances",
-    "no_crossings",
-    "no_landmarks",
-    "no_lines",
     "points_at",
 ]

@@ -54,29 +54,11 @@ def pose_marks(poses: Sequence[ShownPose], seen: FloatArray) -> str:
     """
     first, *others = poses
     marks = "".join(_mark(other.pose, other.covariance, _OTHER) for other in others)
-    dots = " ".join(f"M{x:.2f},{y:.2f}h0" for x, y in _thinned(seen))
+    dots = " ".join(f"M{x:.2f},{y:.2f}h0" for x, y in seen[:: max(1, -(-len(seen) // _MAX_POINTS))])
     return (
         f'<path d="{dots}" stroke="#222" stroke-width="0.08" stroke-linecap="round" fill="none"/>'
         f"{marks}{_mark(first.pose, first.covariance, _STATUS_COLORS[first.name])}"
     )
-
-
-def on_a_grid(poses: Sequence[ShownPose], seen: FloatArray, width_px: int = 480) -> str:
-    """All poses and line points (N, 2) in the field frame on a grid of metres, as SVG."""
-    places = [*(each.pose[:2] for each in poses), *_thinned(seen)]
-    left, low = np.floor(np.min(places, axis=0)) - 1.0
-    right, high = np.ceil(np.max(places, axis=0)) + 1.0
-    grid = " ".join(f"M{x:.0f},{low:.0f}V{high:.0f}" for x in np.arange(left, right + 0.5))
-    grid += " ".join(f"M{left:.0f},{y:.0f}H{right:.0f}" for y in np.arange(low, high + 0.5))
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width_px}" style="max-width:100%" '
-        f'viewBox="{left:.0f} {-high:.0f} {right - left:.0f} {high - low:.0f}"><g transform="scale(1,-1)">'
-        f'<path d="{grid}" stroke="#bbb" stroke-width="0.02" fill="none"/>{pose_marks(poses, seen)}</g></svg>'
-    )
-
-
-def _thinned(seen: FloatArray) -> FloatArray:
-    return seen[:: max(1, -(-len(seen) // _MAX_POINTS))]
 
 
 def _mark(pose: Pose, covariance: FloatArray | None, color: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from touchline.enums import StrEnum
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.messages import counted
-from touchline.types.drawing import ShownPose, on_a_grid, pose_marks, poses_html
+from touchline.types.drawing import ShownPose, pose_marks, poses_html
 from touchline.types.problem import Problem
 from touchline.types.seen import Observation
 
@@ -201,27 +201,22 @@ class Estimate:
     def _repr_html_(self) -> str:
         return self.html()
 
-    def html(self, picture: str | None = None) -> str:
-        """All poses in a table, what is known of them, and a picture: by default the poses on a grid of metres."""
+    def html(self, picture: str = "") -> str:
+        """All poses in a table, what is known of them, and a picture, if there is one."""
         said = [*filter(None, (_bound_text(self), self.reason, _statistics_text(self))), *map(str, self.problems)]
-        picture = on_a_grid(self._shown(), self._seen()) if picture is None else picture
         return poses_html(f"{self.stamp_ns / 1e9:.3f} s, {self.points} points", self._shown(), said, picture)
 
     def svg_marks(self) -> str:
         """SVG in metres of the field frame, y up: the line points as seen from the pose, all poses and their ellipses
         of 2 sigma.
         """
-        return pose_marks(self._shown(), self._seen())
+        seen = np.zeros((0, 2)) if self.observation is None else self.observation.points.usable().positions_m
+        return pose_marks(self._shown(), self.pose.transform(seen))
 
     def _shown(self) -> list[ShownPose]:
         own = ShownPose(self.status.value, self.pose, self.covariance, self.residual_m, self.probability)
         others = (ShownPose("or", o.pose, o.covariance, o.residual_m, o.probability) for o in self.hypotheses)
         return [own, *others]
-
-    def _seen(self) -> FloatArray:
-        """(N, 2) the line points in the field frame."""
-        seen = np.zeros((0, 2)) if self.observation is None else self.observation.points.usable().positions_m
-        return self.pose.transform(seen)
 
     def status_text(self) -> str:
         """The status with its bound and reason: "tracking within 7 cm", "searching (not yet confirmed by motion)"."""

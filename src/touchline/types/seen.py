@@ -68,6 +68,16 @@ class _Seen:
             rows[each.name] = column[kept] if isinstance(column, np.ndarray) else tuple(compress(column, kept))
         return replace(self, **rows)
 
+    def usable(self, max_range_m: float = math.inf) -> Self:
+        """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
+        places: Any = self
+        return self.rows(_measured(places.positions_m, places.covariances_m2, places.confidences, max_range_m))
+
+    @classmethod
+    def none(cls) -> Self:
+        """Nothing seen."""
+        return _none(cls)  # type: ignore[arg-type]
+
     @classmethod
     def joined(cls, tables: Sequence[Self]) -> Self:
         """All rows of all tables."""
@@ -77,6 +87,12 @@ class _Seen:
         columns = ([getattr(table, each.name) for table in tables] for each in fields(cls))
         rows: list[Any] = [sum(c, ()) if isinstance(c[0], tuple) else np.concatenate(c) for c in columns]
         return cls(*rows)
+
+
+@cache  # nothing can be changed in arrays without elements
+def _none(kind: Any) -> Any:
+    shapes = {name: np.zeros((0, *rest), np.str_ if name == "kinds" else None) for name, rest in kind.SHAPES.items()}
+    return kind(**{each.name: shapes.get(each.name, ()) for each in fields(kind)})
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -111,10 +127,6 @@ class LinePoints(_Seen):
                     raise refused(name, "an array of numbers", given) from None
         check_point_count(len(self))
         _Seen.__post_init__(self)
-
-    def usable(self, max_range_m: float = math.inf) -> LinePoints:
-        """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
-        return self.rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
 
 
 def _measured(
@@ -169,12 +181,6 @@ def _positions(what: str, given: object) -> FloatArray:
     return positions_m
 
 
-@cache  # nothing can be changed in arrays without elements
-def empty_points() -> LinePoints:
-    """No line points."""
-    return LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))
-
-
 def generic_covariances(positions_m: FloatArray) -> FloatArray:
     """Covariances (N, 2, 2) of positions (N, 2), robot frame, of which nobody says how precise they are.
 
@@ -226,12 +232,6 @@ class Lines(_Seen):
         return self.rows(both[0] & both[1])
 
 
-@cache
-def no_lines() -> Lines:
-    """No lines."""
-    return Lines(np.zeros((0, 2, 2)), np.zeros((0, 2, 2, 2)), np.zeros(0), np.zeros((0, 2, 2)))
-
-
 class CrossingKind(StrEnum):
     """How many arms of paint leave a crossing: two, three or four."""
 
@@ -269,14 +269,6 @@ class Crossings(_Seen):
         return self.rows(measured & ~np.isinf(self.orientations_rad))
 
 
-@cache
-def no_crossings() -> Crossings:
-    """No crossings."""
-    return Crossings(
-        np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2))
-    )
-
-
 class LandmarkKind(StrEnum):
     """Things that stand or are painted at one known place of the field."""
 
@@ -312,16 +304,6 @@ class Landmarks(_Seen):
         if len(self.colors) != len(self):
             raise ValueError(f"{len(self)} landmarks need as many tuples of colours, got {len(self.colors)}")
 
-    def usable(self, max_range_m: float = math.inf) -> Landmarks:
-        """Those that are measurements, as `LinePoints.usable` says."""
-        return self.rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
-
-
-@cache
-def no_landmarks() -> Landmarks:
-    """No landmarks."""
-    return Landmarks(np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), (), np.zeros((0, 2)))
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Observation:
@@ -332,11 +314,11 @@ class Observation:
     """
 
     stamp_ns: int
-    points: LinePoints = field(default_factory=empty_points)
-    lines: Lines = field(default_factory=no_lines)
-    crossings: Crossings = field(default_factory=no_crossings)
-    landmarks: Landmarks = field(default_factory=no_landmarks)
-    boundary: LinePoints = field(default_factory=empty_points)
+    points: LinePoints = field(default_factory=LinePoints.none)
+    lines: Lines = field(default_factory=Lines.none)
+    crossings: Crossings = field(default_factory=Crossings.none)
+    landmarks: Landmarks = field(default_factory=Landmarks.none)
+    boundary: LinePoints = field(default_factory=LinePoints.none)
     problem: str | None = None
 
     def __repr__(self) -> str:

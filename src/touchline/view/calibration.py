@@ -1,4 +1,4 @@
-"""Pictures of calibrations. Of colours: an image, what the table makes of it, and the table itself in slices."""
+"""Pictures of calibrations. Of colours: an image, and what the table makes of it."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,47 +19,31 @@ from touchline.palette import BLUE, ORANGE, bgr
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import WHITE as IS_WHITE
 from touchline.perception.colour import ColourModel
-from touchline.perception.line_graph.colour_classes import CLASSES, GREEN, OTHER, WHITE, colour_codes
+from touchline.perception.line_graph.colour_classes import CLASSES, GREEN, WHITE, colour_codes
 from touchline.perception.line_graph.pictures import SHADES, UNCLASSIFIED
 from touchline.perception.stages import SHIFT, Paint, enlarged, fixed_point, titled, with_legend
 from touchline.types import ImageArray
 from touchline.view.overlay import LINE_COLOR, OFF_LINE_COLOR, ON_LINE_COLOR, draw_rated, projected_lines
 
 _COLOUR_SIDE = 640
-_SLICES = 16
 
 
 def colour_picture(colours: ColourModel, image: ImageArray) -> ImageArray:
-    """(S + 40, 3 S, 3) BGR: the image (H, W, 3), its classes, and 16 slices of the table: blue down, red across."""
+    """(S + 40, 2 S, 3) BGR: the image (H, W, 3), and its classes."""
     panels = {
         "image": _fitted(image, cv2.INTER_AREA),
-        "classes: green, white, black, coloured, other": _fitted(_painted(colours, image)[0], cv2.INTER_NEAREST),
-        "the table: G in 16 steps; in each B down, R across": _fitted(_slices(colours), cv2.INTER_NEAREST),
+        "classes: green, white, black, coloured, other": _fitted(_painted(colours, image), cv2.INTER_NEAREST),
     }
     return np.hstack([titled(panel, title, _COLOUR_SIDE) for title, panel in panels.items()])
 
 
-def _painted(colours: ColourModel, image: ImageArray) -> tuple[ImageArray, BoolArray]:
-    """An image (H, W, 3) with each pixel in the colour of its class, and (H, W) which are of none."""
+def _painted(colours: ColourModel, image: ImageArray) -> ImageArray:
+    """An image (H, W, 3) with each pixel in the colour of its class."""
     codes = colour_codes(image.reshape(-1, 3).astype(np.float64), colours).reshape(image.shape[:2])
     plain = colours.classify(image)
     codes = np.where(plain == IS_GREEN, GREEN, np.where(plain == IS_WHITE, WHITE, codes))
     palette = np.array([*(SHADES[code][1] for code in range(CLASSES)), UNCLASSIFIED], dtype=np.uint8)
-    return palette[codes], codes == OTHER
-
-
-def _slices(colours: ColourModel) -> ImageArray:
-    """(4 · 66, 4 · 66, 3): every fourth plane of the table; what is no class shows its own colour, darker."""
-    levels = (np.arange(64) * 4 + 2).astype(np.uint8)
-    tiles = []
-    for g in range(0, 64, 64 // _SLICES):
-        blue, red = np.meshgrid(levels, levels, indexing="ij")
-        own = np.stack((blue, np.full_like(blue, levels[g]), red), axis=-1)
-        painted, is_other = _painted(colours, own)
-        tile = np.where(is_other[..., np.newaxis], own // 3, painted)
-        tiles.append(np.pad(tile, ((1, 1), (1, 1), (0, 0)), constant_values=120))
-    rows = [np.hstack(tiles[k : k + 4]) for k in range(0, _SLICES, 4)]
-    return np.vstack(rows).astype(np.uint8)
+    return palette[codes]
 
 
 def _fitted(image: ImageArray, interpolation: int) -> ImageArray:

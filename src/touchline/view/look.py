@@ -1,5 +1,6 @@
 """One image looked at closely: its points, where they put the robot, and the pictures of every stage."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -122,7 +123,7 @@ def look_at_recording(
     if unseen and is_perspective(source.camera_kind):
         return _look_with_truth(source, index or 0, system)
     running = open_system(system, setup)
-    stepped = _first_located(source, running) if index is None else _step_to(source, running, index)
+    stepped = _first_located(source, running) if index is None else next(islice(_steps(source, running), index, None))
     image = _readable(source, stepped.number)
     frame, estimate = stepped.frame, stepped.estimate
     detector = running.detector if frame.observation is None else None
@@ -176,26 +177,23 @@ class _Stepped(NamedTuple):
     lean: tuple[float, float] | None
 
 
-def _step_to(source: Recording, system: LocalizationSystem, index: int) -> _Stepped:
-    """The estimate after the images up to an index."""
+def _steps(source: Recording, system: LocalizationSystem) -> Iterator[_Stepped]:
+    """Image by image."""
     leaning = LeanFilter()
-    for frame in islice(source, index + 1):
+    for index, frame in enumerate(source):
         leaning.add(frame)
-        estimate = system.step(frame)
-    return _Stepped(index, frame, estimate, leaning.lean(frame.stamp_ns))
+        yield _Stepped(index, frame, system.step(frame), leaning.lean(frame.stamp_ns))
 
 
 def _first_located(source: Recording, system: LocalizationSystem) -> _Stepped:
     """The first of the images in which the system is sure of the pose, or else the very first."""
-    leaning = LeanFilter()
-    for index, frame in enumerate(islice(source, _SEARCHED_IMAGES)):
-        leaning.add(frame)
-        estimate = system.step(frame)
+    for stepped in islice(_steps(source, system), _SEARCHED_IMAGES):
+        estimate = stepped.estimate
         seen = estimate.observation is not None and estimate.observation.problem is None
-        if estimate.status is Status.TRACKING and seen and frame.image is not None:
-            return _Stepped(index, frame, estimate, leaning.lean(frame.stamp_ns))
+        if estimate.status is Status.TRACKING and seen and stepped.frame.image is not None:
+            return stepped
     system.reset()
-    return _step_to(source, system, 0)
+    return next(_steps(source, system))
 
 
 def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, system: str | None = None) -> Look:

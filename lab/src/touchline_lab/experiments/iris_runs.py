@@ -21,7 +21,7 @@ from touchline.published.iris_fusion.range_pairs import Optics, RangePairs
 from touchline.published.iris_fusion.range_regression import RangeRegression, fit_range
 from touchline.published.iris_fusion.system import IrisFusionSettings, evenly_chosen
 from touchline.systems import RobotSetup, open_system, paper_settings
-from touchline.types import Estimate, Mode, Status, empty_points
+from touchline.types import Estimate, LinePoints, Mode, Status
 from touchline_lab.experiments.drives import Drive, Track
 from touchline_lab.experiments.harness import gathered, seed_range
 from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
@@ -102,7 +102,7 @@ def drive(taken: Drive, seed: int, paper: bool = False) -> IrisDrive:
         history.add(frame)
         motion = odometry.advance(frame.stamp_ns)
         estimate = system.step(frame)
-        points = empty_points() if estimate.observation is None else estimate.observation.points
+        points = LinePoints.none() if estimate.observation is None else estimate.observation.points
         if estimates:
             particles.predict(motion)
             if len(points) >= MIN_POINTS:

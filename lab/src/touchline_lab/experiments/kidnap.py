@@ -16,7 +16,7 @@ from touchline.geometry import BoolArray, Pose, wrap_angle
 from touchline.published.nubot_mcl.system import NubotMcl
 from touchline.published.nubot_mti.system import NubotMti
 from touchline.systems import RobotSetup, open_system, paper_settings
-from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 from touchline_lab.experiments.drives import FOOLED_FRAMES, NEAR_M, NEAR_RAD, driven, followed, longest
 from touchline_lab.experiments.harness import (
     NONE,
@@ -81,7 +81,7 @@ class Carried:
 
     def frame(self, pose: Pose, compass_error_rad: float, covered: bool) -> Frame:
         """The next frame, seen from a pose: line points, odometry with 2 % of noise, gyro, a compass with 0.5°."""
-        points: LinePoints = empty_points() if covered else the_views().observe(pose, self.rng)
+        points: LinePoints = LinePoints.none() if covered else the_views().observe(pose, self.rng)
         stamp_ns = np.array([round(1e9 * PERIOD_S * self.index)], dtype=np.int64)
         compass = pose.heading + compass_error_rad + math.radians(0.5) * self.rng.standard_normal()
         self.index += 1

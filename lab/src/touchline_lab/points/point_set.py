@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.field import FieldModel
-from touchline.files.arrays import NOT_AN_ARCHIVE, stored_array
+from touchline.files.arrays import stored_array
 from touchline.files.opened import read_bytes
 from touchline.geometry import BoolArray, FloatArray, Pose
 from touchline.localization.registration.bound import bound_covariance, mean_errors
@@ -88,7 +88,7 @@ def read_point_set(path: Path) -> PointSet:
             noise = _optional(stored, "noise", (3,))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except NOT_AN_ARCHIVE:
+    except Exception:  # whatever zipfile and NumPy raise of what is no such archive
         raise InputError(f"{path}: is no point set (.npz with {', '.join(_SHAPES)})") from None
     try:
         return _point_set(path.stem, arrays, clutter, USUAL_NOISE if noise is None else tuple(noise.tolist()))

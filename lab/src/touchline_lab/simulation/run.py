@@ -14,7 +14,7 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, IntArray, Pose
 from touchline.sources import ProblemLog, Truth
 from touchline.sources.folder import known_columns
-from touchline.types import Frame, GameState, ImageArray, LinePoints, Observation, Samples, empty_points
+from touchline.types import Frame, GameState, ImageArray, LinePoints, Observation, Samples
 from touchline_lab.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera
 from touchline_lab.simulation.cameras.head import draw_head, known_camera
 from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
@@ -237,7 +237,7 @@ class Simulation:
         """The line points of one frame at the observation level, whatever the run's own level is."""
         time_s = float(self.image_times_s[index])
         if self._covered[index]:
-            return empty_points()
+            return LinePoints.none()
         rng = np.random.default_rng([self.scenario.seed, 6, index])
         pose = Pose(*self._poses[index].tolist())
         swing = self.head.swing_at(time_s)

@@ -16,7 +16,7 @@ from numba import njit
 
 from touchline.geometry import BoolArray, FloatArray, Pose3
 from touchline.perception.line_graph.graph import Graph
-from touchline.types import LandmarkKind, Landmarks, Lines, no_landmarks
+from touchline.types import LandmarkKind, Landmarks, Lines
 
 _SECTORS = 24
 _MIN_SECTORS = 7  # 105° of the circle
@@ -90,7 +90,7 @@ def circle_landmark(circle: Circle | None, at: tuple[float, float, float]) -> La
     at: x, y, height (m) of the camera, robot frame.
     """
     if circle is None:
-        return no_landmarks()
+        return Landmarks.none()
     middle, axes = np.array([[circle.x, circle.y]]), np.eye(2)
     deviation = _MIN_M if circle.lean == NO_LEAN else _LEANING_M
     deviation += circle.deviation_m / math.sqrt(circle.sectors / 4.0)
@@ -98,7 +98,7 @@ def circle_landmark(circle: Circle | None, at: tuple[float, float, float]) -> La
         beside = _leaned(middle + _STEP_M * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), at, circle.lean, back=True)
         middle, axes = beside[:1], (beside[1:] - beside[0]).T / _STEP_M
         if not np.isfinite(beside).all():  # above the horizon as it is thought to be
-            return no_landmarks()
+            return Landmarks.none()
     return Landmarks(
         np.array([LandmarkKind.CIRCLE.value]),
         middle,

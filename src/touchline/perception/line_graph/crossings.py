@@ -36,7 +36,7 @@ from touchline.perception.line_graph.profiles import (
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.perception.sorting import order_of
-from touchline.types import Crossings, Lines, no_crossings
+from touchline.types import Crossings, Lines
 
 _SAMPLES = 96
 _CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in (2.0 * math.pi * k / _SAMPLES for k in range(_SAMPLES))])
@@ -79,7 +79,7 @@ def find_crossings(
 def _as_crossings(found: FloatArray, plane: ImagePlane, settings: LineGraphSettings) -> Crossings:
     """Rows of `verified` (K, 5) as crossings."""
     if not len(found):
-        return no_crossings()
+        return Crossings.none()
     places = np.ascontiguousarray(found[:, 1:3])
     uv = pixels_from_grounds(plane, places)
     covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m)

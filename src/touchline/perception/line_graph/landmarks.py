@@ -22,7 +22,7 @@ from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.perception.line_graph.white_posts import find_white_posts
-from touchline.types import Colors, LandmarkKind, Landmarks, Lines, no_landmarks
+from touchline.types import Colors, LandmarkKind, Landmarks, Lines
 
 _OFF_LINES_PX = 12.0  # penalty marks lie farther from all lines
 _WHITE: Colors = ("white",)
@@ -58,7 +58,7 @@ def find_landmarks(
         found += _penalty_marks(structure, lines, plane, field)
     found += _goals([one.upright for one in found if one.kind == LandmarkKind.POST], field)
     if not found:
-        return no_landmarks()
+        return Landmarks.none()
     noise = np.array([_covariance(one, plane) for one in found])
     return Landmarks(
         np.array([str(one.kind) for one in found]),

@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, GroundView, ground_view
+from touchline.camera import Camera, PerspectiveCamera, ground_view
+from touchline.errors import InputError
 from touchline.geometry import Pose3
+from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
+from touchline.sources.bags.team_features import FeatureRow, feature_rows
 from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, lifted, plain, pose3
 from touchline.sources.camera_poses import between
 
@@ -17,11 +20,13 @@ _REMEMBERED = 300  # samples: an image is older than the newest
 class CameraTrack:
     """Remembers the last seconds. base: the robot's frame on the ground; None: by its usual names.
 
-    mount: `head_from_camera`, of a head whose own pose a topic tells; such a topic counts before transforms.
+    camera: that of features in pixels; camera.yaml places it in a head whose own pose a topic tells. Such a topic
+    counts before transforms.
     """
 
-    def __init__(self, tree: FrameTree, base: str | None = None, mount: Pose3 | None = None) -> None:
-        self._tree, self._wanted, self._mount = tree, base, mount
+    def __init__(self, tree: FrameTree, base: str | None = None, camera: Camera | None = None) -> None:
+        self._tree, self._wanted, self.camera = tree, base, camera
+        self._mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._head_tells = False
         self._frame = ""
         self._poses, self._leans = _History(), _History()
@@ -30,24 +35,29 @@ class CameraTrack:
         """Remember where this frame is: the first image is older than the newest transform, too."""
         self._frame, self._poses = plain(frame), _History()
 
-    def moved(self, placed: list[tuple[str, int]]) -> None:
-        """The tree has taken in these frames, with their stamps (ns)."""
+    def moved(self, placed: list[tuple[str, int]]) -> tuple[int, Pose3] | None:
+        """The tree has taken in these frames, with their stamps (ns): when and where the camera is now, if it moved."""
         base = self._tree.base(self._wanted)
         if base is None or not self._frame or self._head_tells:
-            return
+            return None
         between = self._tree.between(base, self._frame) or ()
         stamps = [stamp_ns for frame, stamp_ns in placed if frame in between]
         pose = self._newest() if stamps else None
-        if pose is not None:
-            self._poses.add(max(stamps), pose)
+        if pose is None:
+            return None
+        self._poses.add(max(stamps), pose)
+        return max(stamps), pose
 
-    def head(self, stamp_ns: int, pose: Any) -> None:
-        """A geometry_msgs/Pose of the head."""
-        head = None if self._mount is None else pose3(pose.position, pose.orientation)
-        if head is not None and self._mount is not None:
-            if not self._head_tells:
-                self._head_tells, self._poses = True, _History()
-            self._poses.add(stamp_ns, head.compose(self._mount))
+    def head(self, stamp_ns: int, pose: Any) -> Pose3 | None:
+        """Where the camera is by a geometry_msgs/Pose of the head."""
+        head = pose3(pose.position, pose.orientation)
+        if head is None or self._mount is None:
+            return None
+        if not self._head_tells:
+            self._head_tells, self._poses = True, _History()
+        camera = head.compose(self._mount)
+        self._poses.add(stamp_ns, camera)
+        return camera
 
     def leaned(self, stamp_ns: int, roll_rad: float, pitch_rad: float) -> None:
         """The body leans so."""
@@ -70,11 +80,18 @@ class CameraTrack:
         lean = self._leans.at(stamp_ns)
         return lifted(pose if lean is None else lean.compose(pose), self._tree.base_height_m(None))
 
-    def view(self, camera: Camera, frame: str, stamp_ns: int) -> GroundView:
-        """What the camera saw then. Raises InputError where nothing tells how it leaned, and it does."""
+    def features(self, role: str, stamp_ns: int, message: Any) -> list[FeatureRow]:
+        """Rows of a message of one of `roles.FEATURES`. Raises InputError for features in pixels where the camera, or
+        how it leaned, is not known.
+        """
+        if not in_pixels(message):
+            return feature_rows(role, message, self._tree.base_from(message, self._wanted))
+        if self.camera is None:
+            raise InputError("features in pixels need a CameraInfo beside an image, or --camera")
         lean = self._leans.at(stamp_ns)
         roll, pitch = (None, None) if lean is None else lean.roll_pitch_yaw()[:2]
-        return ground_view(camera, self.at(frame, stamp_ns), roll, pitch)
+        at = self.at(message.header.frame_id, stamp_ns)
+        return pixel_feature_rows(role, message, ground_view(self.camera, at, roll, pitch))
 
     def _newest(self) -> Pose3 | None:
         base = self._tree.base(self._wanted)

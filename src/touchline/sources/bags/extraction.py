@@ -11,7 +11,7 @@ from typing_extensions import Self
 
 from touchline.geometry import IntArray
 from touchline.sources.bags.layout import COMPRESSED_IMAGE, IMAGE_ROWS, IMAGES, STRING, TABLES, WHOLE
-from touchline.sources.bags.messages import Bag
+from touchline.sources.bags.messages import Bag, Place
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemKind, ProblemLog
 
@@ -27,7 +27,7 @@ class ImagePlaces(NamedTuple):
 
 
 def extract_own(bag: Bag, codec: Codec, folder: Path, problems: ProblemLog) -> ImagePlaces:
-    """Write the files that a bag of Touchline holds, in one pass over it, in constant memory but for 32 bytes an image.
+    """Write the files that a bag of Touchline holds, in one pass over it; memory grows by some 200 bytes an image.
 
     A row of an image whose own message is lost, at the end of a bag that was cut off, is left out.
     """
@@ -35,13 +35,12 @@ def extract_own(bag: Bag, codec: Codec, folder: Path, problems: ProblemLog) -> I
     kinds = {**dict.fromkeys((*WHOLE.values(), *TABLES.values()), STRING), IMAGES: COMPRESSED_IMAGE}
     wanted = [topic for topic, kind in kinds.items() if topic in topics and topics[topic].type == kind]
     names = {topic: name for name, topic in {**WHOLE, **TABLES}.items()}
-    places, image_times, row_times = array("q"), array("q"), array("q")
-    header_seen = False
+    places: dict[int, Place] = {}  # by the time at which the image and its row were logged
+    row_times = array("q")
     with NewFiles(folder) as files:
         for message in bag.messages(wanted):
             if message.topic == IMAGES:
-                image_times.append(message.log_ns)
-                places.extend(message.place)
+                places[message.log_ns] = message.place
                 continue
             try:
                 text = codec.decode(topics[message.topic], message.data).data
@@ -50,21 +49,9 @@ def extract_own(bag: Bag, codec: Codec, folder: Path, problems: ProblemLog) -> I
                 continue
             files.write(names[message.topic], text)
             if message.topic == IMAGE_ROWS:
-                if header_seen:
-                    row_times.append(message.log_ns)
-                header_seen = True
-    return ImagePlaces(IMAGES, _joined(np.array(row_times), np.array(image_times), np.array(places).reshape(-1, 2)))
-
-
-def _joined(row_times: IntArray, image_times: IntArray, places: IntArray) -> IntArray:
-    """(N, 2) the place of the image that was logged at the time of each row."""
-    found = np.full((len(row_times), 2), -1, dtype=np.int64)
-    order = np.argsort(image_times, kind="stable")
-    after = np.searchsorted(image_times[order], row_times).clip(max=max(len(order) - 1, 0))
-    if len(order):
-        same = image_times[order][after] == row_times
-        found[same] = places[order][after[same]]
-    return found
+                row_times.append(message.log_ns)
+    found = [places.get(row_ns, (-1, -1)) for row_ns in row_times[1:]]  # without the header's
+    return ImagePlaces(IMAGES, np.array(found, dtype=np.int64).reshape(-1, 2))
 
 
 class NewFiles:

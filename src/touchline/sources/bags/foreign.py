@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, PerspectiveCamera, camera_from_mapping, open_camera
+from touchline.camera import Camera, camera_from_mapping, open_camera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3, tilt_rotation
 from touchline.messages import listed
@@ -21,7 +21,6 @@ from touchline.sources.bags.extraction import ImagePlaces, NewFiles
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.layout import EPOCH_KEY
 from touchline.sources.bags.messages import Bag, Message, Topic
-from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.readings import (
     attitude_of,
     cloud_points,
@@ -31,7 +30,7 @@ from touchline.sources.bags.readings import (
 )
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.table_rows import decimal_seconds
-from touchline.sources.bags.team_features import FeatureRow, feature_rows
+from touchline.sources.bags.team_features import FeatureRow
 from touchline.sources.bags.transforms import (
     GROUND_FRAME,
     FrameTree,
@@ -39,8 +38,6 @@ from touchline.sources.bags.transforms import (
     camera_body,
     header_stamp_ns,
     lifted,
-    plain,
-    pose3,
 )
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.description import CAMERA
@@ -89,8 +86,10 @@ class Foreign:
     def extract(self, folder: Path) -> ImagePlaces:
         """Write the tables, in constant memory but for 40 bytes an image."""
         self._look_around()
-        with ForeignTables(folder, self._tree, self._options.base, self._problems, self._seeing()) as tables:
-            tables.watch_camera(self._frame)
+        track = CameraTrack(self._tree, self._options.base, self._seeing())
+        track.watch(self._frame)
+        epoch_ns = self._epoch_ns or 0
+        with ForeignTables(folder, self._tree, track, self._options.base, self._problems, epoch_ns) as tables:
             tables.odometry_by_transforms = roles.ODOMETRY not in self._topics
             tables.expect(role for role in roles.FEATURES if role in self._topics)
             wanted = {*self._roles, *self._transforms} - {self._name(roles.CAMERA_INFO)}
@@ -185,7 +184,7 @@ class Foreign:
         if (decoded := self._decoded(message)) is None:
             return
         if message.topic in self._transforms:
-            tables.place(decoded.transforms, self._epoch_ns or 0)
+            tables.place(decoded.transforms)
             return
         bare = not hasattr(decoded, "header")
         received_ns = message.log_ns + bare * (self._bare_ns - round(1e6 * self._options.late_ms))
@@ -269,26 +268,25 @@ _WAIT_NS = 500_000_000  # for the slower of two topics that tell of one image
 
 class ForeignTables(NewFiles):
     """New tables in a folder, written row by row. base: the robot's frame on the ground, if the user has named it.
-
-    camera: that of features in pixels; where a topic tells the head's pose, camera.yaml places it in the head.
+    epoch_ns: what the bag's clock showed at t = 0.
     """
 
     def __init__(
-        self, folder: Path, tree: FrameTree, base: str | None, problems: ProblemLog, camera: Camera | None = None
+        self,
+        folder: Path,
+        tree: FrameTree,
+        track: CameraTrack,
+        base: str | None,
+        problems: ProblemLog,
+        epoch_ns: int,
     ) -> None:
         super().__init__(folder, _HEADERS)
-        self._tree, self._problems = tree, problems
-        self._wanted, self._base = base, tree.base(base)
-        self._leans = base is None and self._base != GROUND_FRAME
+        self._tree, self._track, self._wanted, self._problems = tree, track, base, problems
+        self._leans = base is None and tree.base(base) != GROUND_FRAME
         self._lean: FloatArray | None = None
-        self._camera = ""
-        self._last_pose_ns: int | None = None
-        self._base_from: dict[str, Pose3] = {}
+        self._epoch_ns, self._last_pose_ns = epoch_ns, -epoch_ns
         self._seen: Gathering[str] = Gathering(_WAIT_NS)
         self._now_ns = -(2**63)
-        self._model = camera
-        self._mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
-        self._track = CameraTrack(tree, base, self._mount)
         self._odometry = TransformOdometry(tree, base)
         self.odometry_by_transforms = False
         self.seen_ns = array("q")  # when a detector of the robot's own looked
@@ -300,31 +298,19 @@ class ForeignTables(NewFiles):
             what = f"{self._seen.late} messages came after those of later images; they are left out"
             self._problems.add(ProblemKind.BAG, "features", what)
 
-    def watch_camera(self, frame: str) -> None:
-        """Write where the camera is whenever it moves against the base."""
-        self._camera = frame
-        self._track.watch(frame)
-
-    def place(self, transforms: Iterable[Any], epoch_ns: int) -> None:
+    def place(self, transforms: Iterable[Any]) -> None:
         """Take in what a message of /tf or /tf_static says."""
         placed = self._tree.update(transforms)
-        self._track.moved([(frame, stamp_ns - epoch_ns) for frame, stamp_ns in placed])
-        if self.odometry_by_transforms:
-            for stamp_ns, *planar in self._odometry.moved(placed):
-                self._row("odometry.csv", stamp_ns - epoch_ns, [*planar])
-        if self._base is None or not self._camera:
+        for stamp_ns, *planar in self._odometry.moved(placed) if self.odometry_by_transforms else ():
+            self._row("odometry.csv", stamp_ns - self._epoch_ns, [*planar])
+        moved = self._track.moved([(frame, stamp_ns - self._epoch_ns) for frame, stamp_ns in placed])
+        if moved is None or moved[0] <= self._last_pose_ns:
             return
-        between = self._tree.between(self._base, plain(self._camera))
-        stamps = [stamp_ns for frame, stamp_ns in placed if between and frame in between and stamp_ns]
-        pose = self._tree.pose(self._base, plain(self._camera)) if stamps else None
-        if pose is None or (self._last_pose_ns is not None and max(stamps) <= self._last_pose_ns):
-            return
-        self._last_pose_ns = max(stamps)
-        body = camera_body(pose, self._camera)
+        self._last_pose_ns, body = moved
         if self._leans and self._lean is not None:
             body = Pose3(self._lean, np.zeros(3)).compose(body)
         body = lifted(body, self._tree.base_height_m(self._wanted))
-        self._row("camera_pose.csv", max(stamps) - epoch_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
+        self._camera_pose(self._last_pose_ns, body)
 
     def expect(self, parts: Iterable[str]) -> None:
         """Roles that tell of the same images."""
@@ -344,7 +330,8 @@ class ForeignTables(NewFiles):
             yaw = (self._attitude(message) or (None, None, None))[2]
             self._row("imu.csv", stamp_ns, [None, None, yaw, None, None, None])
         elif role == roles.HEAD:
-            self._head(stamp_ns, message)
+            if (body := self._track.head(stamp_ns, message)) is not None:
+                self._camera_pose(stamp_ns, body)
         elif role == roles.POINTS:
             self._points(stamp_ns, message)
         elif role in roles.FEATURES:
@@ -352,15 +339,11 @@ class ForeignTables(NewFiles):
             self._found(role, stamp_ns, [",".join(row.get(name, "") for name in _COLUMNS) for row in rows])
 
     def _features(self, role: str, stamp_ns: int, message: Any) -> list[FeatureRow]:
-        if not in_pixels(message):
-            return feature_rows(role, message, self._pose_of_frame(message))
-        assert self._model is not None  # features in pixels come with a camera
         try:
-            view = self._track.view(self._model, message.header.frame_id, stamp_ns)
+            return self._track.features(role, stamp_ns, message)
         except InputError as error:
             self._problems.add(ProblemKind.BAG, role, f"{error}; what was seen is left out")
             return []
-        return pixel_feature_rows(role, message, view)
 
     def _truth(self, stamp_ns: int, message: Any) -> None:
         place, turn = place_and_turn(message)
@@ -369,7 +352,7 @@ class ForeignTables(NewFiles):
         self.write("ground_truth.tum", " ".join(cells) + "\n")
 
     def _imu(self, stamp_ns: int, message: Any, with_yaw: bool) -> None:
-        attitude, rates = self._attitude(message), rates_of(message, self._pose_of_frame(message))
+        attitude, rates = self._attitude(message), rates_of(message, self._tree.base_from(message, self._wanted))
         roll, pitch, yaw = attitude or (None, None, None)
         if roll is not None and pitch is not None:
             self._lean = tilt_rotation(roll, pitch)
@@ -377,22 +360,15 @@ class ForeignTables(NewFiles):
         self._row("imu.csv", stamp_ns, [roll, pitch, yaw if with_yaw else None, *(rates or (None, None, None))])
 
     def _attitude(self, message: Any) -> tuple[float, float, float] | None:
-        return attitude_of(message, self._pose_of_frame(message))
+        return attitude_of(message, self._tree.base_from(message, self._wanted))
 
     def _points(self, stamp_ns: int, message: Any) -> None:
         points = cloud_points(message)
         if isinstance(points, str):
             self._problems.add(ProblemKind.BAG, "points", f"a message {points}; it is left out")
             return
-        base = self._pose_of_frame(message).transform(points)
+        base = self._tree.base_from(message, self._wanted).transform(points)
         self._found(roles.POINTS, stamp_ns, [f"point,{x!r},{y!r}{',' * 11}" for x, y in base[:, :2].tolist()])
-
-    def _head(self, stamp_ns: int, message: Any) -> None:
-        head = None if self._mount is None else pose3(message.position, message.orientation)
-        if head is not None and self._mount is not None:
-            self._track.head(stamp_ns, message)
-            body = head.compose(self._mount)
-            self._row("camera_pose.csv", stamp_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
 
     def _found(self, part: str, stamp_ns: int, rows: list[str]) -> None:
         """Rows without their time that a topic has of an image."""
@@ -407,13 +383,8 @@ class ForeignTables(NewFiles):
             lines = [f"{time},{row}" for row in rows or [f"none{',' * 13}"]]
             self.write("observations.csv", "\n".join(lines) + "\n")
 
-    def _pose_of_frame(self, message: Any) -> Pose3:
-        """`base_from_sensor`; a sensor that no transform places is in the base."""
-        frame = plain(message.header.frame_id) if hasattr(message, "header") else ""
-        if frame not in self._base_from:
-            pose = None if self._base is None else self._tree.pose(self._base, frame)
-            self._base_from[frame] = pose or Pose3.identity()
-        return self._base_from[frame]
+    def _camera_pose(self, stamp_ns: int, body: Pose3) -> None:
+        self._row("camera_pose.csv", stamp_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
 
     def _row(self, name: str, stamp_ns: int, values: list[float | None]) -> None:
         cells = ["" if value is None or not math.isfinite(value) else repr(float(value)) for value in values]

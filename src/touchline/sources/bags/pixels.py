@@ -59,7 +59,8 @@ def image_pixels(message: Any) -> Pixels | str:
         return f"holds {len(data)} bytes, too few for {width}×{height} pixels of {message.encoding}"
     rows = np.lib.stride_tricks.as_strided(data, (height, line), (step, 1))
     shape = (height, width) if channels == 1 else (height, width, channels)
-    pixels = np.ascontiguousarray(rows).view(np.uint8 if size == 1 else _word(message)).reshape(shape)
+    kind = "u1" if size == 1 else ">u2" if message.is_bigendian else "<u2"
+    pixels = np.ascontiguousarray(rows).view(kind).reshape(shape)
     if size == 2:
         pixels = pixels.astype(np.uint16, copy=False)
     if code is None:
@@ -96,7 +97,3 @@ def demosaiced(pixels: Pixels, compressed_format: str) -> Pixels:
 
 def _pattern(compressed_format: str) -> str:
     return compressed_format.partition(";")[0].strip().rstrip("0123456789")
-
-
-def _word(message: Any) -> str:
-    return ">u2" if message.is_bigendian else "<u2"

@@ -73,6 +73,12 @@ class FrameTree:
         ways = self._ways(target, source)
         return None if ways is None else self._from(ways[0]).inverse().compose(self._from(ways[1]))
 
+    def base_from(self, message: Any, wanted: str | None) -> Pose3:
+        """`base_from_sensor` of a message's frame; a sensor that no transform places is in the base."""
+        base = self.base(wanted) if hasattr(message, "header") else None
+        found = None if base is None else self.pose(base, plain(message.header.frame_id))
+        return found or Pose3.identity()
+
     def _ways(self, *frames: str) -> list[list[str]] | None:
         """From each of two frames up to where the ways meet, that frame left out; None where they don't."""
         first, second = (self._up(frame) for frame in frames)

@@ -134,11 +134,9 @@ class Codec:
 def _parsed(definition: MessageDefinition, name: str) -> dict[str, Any]:
     if definition.format == MessageDefinitionFormat.MSG:
         return get_types_from_msg(definition.data, name)
-    if not definition.data.startswith(f"{_IDL_LINE}IDL: "):
-        return get_types_from_idl(definition.data)
     found: dict[str, Any] = {}
-    for part in definition.data.split(_IDL_LINE)[1:]:
-        found.update(get_types_from_idl(part.split("\n", 1)[1]))
+    for part in filter(None, definition.data.split(_IDL_LINE)):  # each may begin with the line `IDL: NAME`
+        found.update(get_types_from_idl(part.split("\n", 1)[1] if part.startswith("IDL: ") else part))
     return found
 
 
@@ -156,7 +154,8 @@ class RosbagsBag(Bag):
         self._encoding = "ros1" if ros1 else "cdr"
         self._readers: list[Any] = []
         stack = ExitStack()
-        weakref.finalize(self, _close, stack)
+        stack.enter_context(suppress(Exception))  # sqlite closes no database that is being read
+        weakref.finalize(self, stack.close)
         for path in paths:
             try:
                 self._readers.append(stack.enter_context(Ros1Reader(path) if ros1 else Ros2Reader(path)))
@@ -197,11 +196,6 @@ class RosbagsBag(Bag):
 def _sound(reader: Any) -> list[Connection]:
     """The connections with a name and a type: rosbags takes over what metadata.yaml says, of whatever type."""
     return [each for each in reader.connections if isinstance(each.topic, str) and isinstance(each.msgtype, str)]
-
-
-def _close(stack: ExitStack) -> None:
-    with suppress(Exception):  # sqlite closes no database that is being read
-        stack.close()
 
 
 class Rosbag2Writer:

@@ -5,7 +5,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -26,7 +26,7 @@ from touchline.sources.bags.layout import (
 )
 from touchline.sources.bags.standard import StandardMessages
 from touchline.sources.bags.table_rows import MAX_STAMP_NS, Rows, read_rows
-from touchline.sources.bags.with_rosbags import Codec
+from touchline.sources.bags.with_rosbags import Codec, Rosbag2Writer
 from touchline.sources.camera_poses import CAMERA_POSES
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.folder import Recording
@@ -45,16 +45,6 @@ class Outgoing(NamedTuple):
     topic: str
     kind: str
     data: bytes
-
-
-class BagWriter(Protocol):
-    """A new bag."""
-
-    def write(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
-        """Add a message."""
-
-    def close(self) -> None:
-        """Write what comes last."""
 
 
 class McapWriter:
@@ -82,6 +72,9 @@ class McapWriter:
         """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
+
+
+BagWriter: TypeAlias = McapWriter | Rosbag2Writer
 
 
 def write_recording(

@@ -20,7 +20,7 @@ from touchline.perception.line_points import BLUR_PX, COARSEST_PX_M, NOISE_M, ST
 from touchline.perception.scan_lines import usable_radius
 from touchline.published.iris_fusion import hsv_lines
 from touchline.published.iris_fusion.hsv_lines import HsvLineSettings
-from touchline.types import LinePoints, empty_points
+from touchline.types import LinePoints
 from touchline_lab.simulation.observation.crossings import COLUMNS, Ground, find_crossings, hidden, scale_table
 from touchline_lab.simulation.observation.fixed_noise import mosaic_table
 from touchline_lab.simulation.observation.goal_clutter import PLACES, place_strays, thread_table
@@ -158,7 +158,7 @@ class ObservedLines:
         false_count += len(beside)
         total = count + false_count
         if total == 0:
-            return empty_points()
+            return LinePoints.none()
         errors = self._errors
         if any(swing_rad) and self._swings is not None:
             errors = errors._replace(askew=self._still_askew + self._swings @ np.array(swing_rad))
