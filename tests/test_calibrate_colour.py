@@ -212,7 +212,7 @@ def test_the_command_learns_from_an_image(small_data: Path, tmp_path: Path, caps
     photo = str(folder / "nubot_a.png")
     assert main(["calibrate", "colour", photo, "--camera", camera_file, "--output", str(output)]) == 0
     assert "without marks: green" in capsys.readouterr().out
-    assert cv2.imread(str(tmp_path / "colours.png")).shape == (680, 1920, 3)
+    assert cv2.imread(str(tmp_path / "colours.png")).shape == (680, 1280, 3)
     marks = json.loads((folder / "nubot_a.json").read_text())
     classes = load_colours(output).classify(cv2.imread(photo).astype(np.uint8))
     assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95

@@ -76,7 +76,6 @@ new lab --base nowhere
 new lab A=12 --output a.txt
 new lab A=12 --output mine.yaml
 spl-9x6 --output field.txt
---output all.png
 """
 
 
@@ -97,14 +96,6 @@ def test_what_cannot_be_meant_is_refused_and_nothing_written(
     Path("mine.yaml").write_text("mine", encoding="utf-8")
     assert "\n".join(f"{line}: {refusal(*line.split())}" for line in REFUSED.strip().splitlines()) == snapshot
     assert [(path.name, path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()] == [("mine.yaml", "mine")]
-
-
-def test_letters_are_drawn_unless_unwanted(tmp_path: Path) -> None:
-    lettered, plain = tmp_path / "letters.png", tmp_path / "plain.png"
-    answer("show", "hsl-m-14x9", "-o", str(lettered))
-    answer("--output", str(plain), "hsl-m-14x9", "--no-letters")  # options may stand before the name
-    first, second = cv2.imread(str(lettered)), cv2.imread(str(plain))
-    assert 0.01 < (first != second).any(axis=2).mean() < 0.1
 
 
 def test_a_file_and_a_recording_are_shown_like_a_preset(small_data: Path) -> None:

@@ -93,6 +93,11 @@ def test_the_command_takes_a_photograph_with_features(
     assert "--attitude ROLL,PITCH" in capsys.readouterr().err
     assert main([*heeding, "--attitude", "0,0"]) == 0
     assert json.loads(capsys.readouterr().out)["pose"] == pose
-    for given, reason in (("5", "got '5'"), ("1,2", "in radians"), ("nan,0", "in radians"), ("a,b", "got 'a,b'")):
+    for given, reason in (
+        ("5", "--attitude 5: expected roll and pitch"),
+        ("1,2", "in radians"),
+        ("nan,0", "in radians"),
+        ("a,b", "--attitude a,b: expected roll and pitch"),
+    ):
         assert main([*heeding, "--attitude", given]) == 2
         assert reason in capsys.readouterr().err

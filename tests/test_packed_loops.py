@@ -141,13 +141,13 @@ def test_a_command_takes_them_and_compile_says_so(
     monkeypatch.setattr("touchline.systems.SYSTEMS", {})
     for example in ("fault", "locate", "check"):
         monkeypatch.setattr(f"touchline.cli.compile._{example}_example", lambda: None)
-    assert main(["compile"]) == 0
+    assert main(["compile", "--workers", "1"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "taken"
     assert said[-2] == "why not"
     assert said[-1].startswith("all loops are compiled; code compiled here is kept beside the package")
     monkeypatch.setattr("touchline.cli.compile.packed_loops_taken", lambda: 7)
-    assert main(["compile"]) == 0
+    assert main(["compile", "--workers", "1"]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == "all loops are ready: 7 from the wheel, none compiled"
     workflow = Path(__file__).parents[1] / ".github" / "workflows" / "release.yml"
@@ -156,7 +156,7 @@ def test_a_command_takes_them_and_compile_says_so(
     assert last.endswith(asked[1])
     monkeypatch.setattr("touchline.cli.compile._check_example", lambda: numba.njit(own_loop)(1))
     monkeypatch.setattr(own_loop, "__module__", "touchline.some")
-    assert main(["compile"]) == 0
+    assert main(["compile", "--workers", "1"]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("all loops are ready: 7 from the wheel, 1 compiled; code compiled here is kept beside")
 

@@ -27,4 +27,3 @@ def test_images_fall_in_the_regions_of_the_diagram() -> None:
 def test_without_any_level_nothing_is_bounded() -> None:
     counts = stanford_diagram(ERRORS, np.full(8, np.nan))[1]
     assert (counts.images, counts.bounded, counts.misleading, np.isnan(counts.median)) == (8, 0, 0, True)
-    assert counts.misleading_rate_bound() == 1.0

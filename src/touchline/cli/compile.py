@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
-    from touchline.types import ImageArray, LinePoints
+    from touchline.types import ImageArray
 
 
 def compile_loops(
@@ -163,7 +163,7 @@ def _walk_example(system: str) -> None:
     from touchline.geometry import Pose, Pose3
     from touchline.localizer import Localizer
     from touchline.perception import LineGraphDetector, LineGraphSettings
-    from touchline.types import Frame
+    from touchline.types import Frame, LinePoints
 
     field = open_field("indoor-9x6")
     mount = Pose3.from_roll_pitch_yaw(0.0, 0.35, 0.0, (0.0, 0.0, 1.1))
