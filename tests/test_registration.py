@@ -14,12 +14,12 @@ from line_scenes import load_point_sets, polar_covariances
 from touchline.field import FieldModel, open_field
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.registration.bound import bound_covariance
 from touchline.localization.registration.kernels import Plan, register
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.unseen import count_unseen, unseen, view_of
 from touchline.localization.search.pose_search import PoseSearch, Wanted
 from touchline.types import LinePoints, points_at
+from touchline_lab.points.bound import bound_covariance
 
 FIELD = open_field("msl-18x12")
 REGISTRATION = Registration(FIELD.distance_map())

@@ -23,10 +23,10 @@ import touchline
 from touchline.evaluation.latency import cpu_name
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.registration.bound import mean_errors
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline_lab.points.bench import bench_points
+from touchline_lab.points.bound import mean_errors
 from touchline_lab.points.localizers import point_localizer
 from touchline_lab.points.point_set import PointSet, read_point_set
 

@@ -10,8 +10,3 @@ class StrEnum(str, Enum):
 
     __str__ = str.__str__
     __format__ = str.__format__  # type: ignore[assignment]
-
-    @staticmethod
-    def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
-        """Return the name in lower case, for members made by `auto()`."""
-        return name.lower()

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def season(
     recordings: Annotated[
         list[str],
-        typer.Argument(metavar="RECORDING...", help="Recordings, folders that hold some, a list.txt, addresses."),
+        typer.Argument(metavar="RECORDING...", help="Recordings, folders that hold some, addresses."),
     ],
     output: Annotated[
         str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder or address for the runs and the table.")
@@ -56,7 +56,6 @@ def season(
     late: BagLate = 0.0,
     from_zero: FromZero = False,
     report: Annotated[Literal["all", "failed", "none"], typer.Option(help="Which runs get a report.")] = "all",
-    parquet: Annotated[bool, typer.Option("--parquet", help="The table as runs.parquet (extra season).")] = False,
     workers: WorkerCount = None,
     dask: DaskAddress = None,
 ) -> None:
@@ -81,7 +80,7 @@ def season(
             advance(completed=len(found) - left)
             errors_console().print(line_of(row))
 
-        rows = localize_all(found, output, command, hands, on_row, parquet)
+        rows = localize_all(found, output, command, hands, on_row)
     failed = [row for row in rows if row["failure"]]
     say(f"{counted(len(rows), 'recording')}, {len(failed)} failed: {output}")
     if failed:

@@ -37,8 +37,6 @@ class DeadReckoning:
         self._summed_ns = 0
         self._extrapolated = Pose(0.0, 0.0, 0.0)  # from the newest sample used to the frame
         self.stamp_ns: int | None = None
-        self.fallbacks = 0
-        """Frames so far whose motion was taken from the odometry instead."""
         self.set_pose(pose or Pose(0.0, 0.0, 0.0))
 
     @property
@@ -102,7 +100,6 @@ class DeadReckoning:
         turn_rad = wrap_angle(pose.heading - summed.heading)
         self.sums = [self.sums[0] + pose.x - summed.x, self.sums[1] + pose.y - summed.y, self.sums[2] + turn_rad]
         self._summed_ns = stamp_ns
-        self.fallbacks += 1
 
 
 def without_bias(motion: Motion, bias_rad_s: float, duration_s: float) -> Motion:

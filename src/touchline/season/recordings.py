@@ -1,4 +1,4 @@
-"""Which recordings a command means: paths, folders of recordings, lists, and addresses of an object store (fsspec)."""
+"""Which recordings a command means: paths, folders of recordings, and addresses of an object store (fsspec)."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,10 +9,7 @@ from typing import Any
 
 from touchline.errors import InputError, TouchlineError
 from touchline.files.new import file_name
-from touchline.files.opened import text_lines
 from touchline.sources.bags.kinds import find_bag
-
-_LISTS = (".txt", ".lst")
 
 
 def is_address(text: str) -> bool:
@@ -22,9 +19,9 @@ def is_address(text: str) -> bool:
 
 def find_recordings(given: Sequence[str]) -> list[str]:
     """The recordings that are meant, in order, each once: a recording itself, all recordings in a folder at any depth,
-    those that a text file lists, and addresses as they are. Paths are absolute, so that a cluster's workers find them.
+    and addresses as they are. Paths are absolute, so that a cluster's workers find them.
 
-    Raises InputError for a folder or list without recordings.
+    Raises InputError for a folder without recordings.
     """
     found = [each if is_address(each) else _absolute(Path(each)) for text in given for each in _meant(text)]
     return list(dict.fromkeys(found))
@@ -39,13 +36,6 @@ def _meant(text: str) -> Iterator[str]:
     path = Path(text)
     if is_address(text):
         yield text.rstrip("/")
-    elif path.suffix in _LISTS and path.is_file():
-        lines = [line.strip() for line in text_lines(path)]
-        listed = [line for line in lines if line and not line.startswith("#")]
-        if not listed:
-            raise InputError(f"{path}: lists no recording; expected a path in each line")
-        for line in listed:
-            yield from _meant(line if is_address(line) else str(path.parent / line))
     elif path.is_dir() and not _is_recording(path):
         inside = list(_inside(path))
         if not inside:

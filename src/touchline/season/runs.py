@@ -75,7 +75,6 @@ def localize_all(
     command: Command,
     workers: Workers,
     on_row: Callable[[Row, int], None] = lambda row, left: None,
-    parquet: bool = False,
 ) -> list[Row]:
     """Localise recordings, each into a folder of its own below `output`; the rows of all, in their order.
 
@@ -87,12 +86,12 @@ def localize_all(
     for address in filter(is_address, recordings):
         open_store(address)  # a missing package is reported before the work
     place = output.rstrip("/") if is_address(output) else str(Path(output).absolute())
-    if not (table := Table(place, parquet)).exists:
+    if not (table := Table(place)).exists:
         if not is_address(place):
             new_folder(Path(place), place)
         table.write()
     with _alone_in(place):
-        table, known = Table(place, parquet), command.to_dict()
+        table, known = Table(place), command.to_dict()
         _check_same(known, table)
         names = folder_names(recordings, {row["recording"]: name for name, row in table.rows.items()})
         prints = {recording: fingerprint(recording) for recording in recordings}

@@ -1,4 +1,4 @@
-"""The table of a season: a row for each recording that is done, as CSV or Parquet. Units stand in the columns' names.
+"""The table of a season: a row for each recording that is done, as CSV. Units stand in the columns' names.
 
 Each new row replaces the whole file, so that a table is never half written.
 """
@@ -18,7 +18,7 @@ from touchline.files.opened import read_bytes
 from touchline.season.recordings import is_address, opened
 from touchline.systems import system_info
 
-CSV, PARQUET = "runs.csv", "runs.parquet"
+CSV = "runs.csv"
 Row = dict[str, Any]
 _MAX_BYTES = 1_000_000_000
 _TEXTS = (
@@ -49,19 +49,17 @@ COLUMNS = (*_TEXTS[:7], *_COUNTS, *_FIGURES, *_TEXTS[7:])
 
 
 class Table:
-    """runs.csv, or runs.parquet, in a folder or below an address. rows: by the names of the runs.
+    """runs.csv in a folder or below an address. rows: by the names of the runs.
 
-    Raises InputError for a file that is no such table, and for Parquet without pyarrow.
+    Raises InputError for a file that is no such table.
     """
 
-    def __init__(self, place: str, parquet: bool = False) -> None:
-        self.path = f"{place}/{PARQUET if parquet else CSV}"
-        if parquet:
-            _pyarrow()
+    def __init__(self, place: str) -> None:
+        self.path = f"{place}/{CSV}"
         data = self._read()
         self.exists = data is not None
         try:
-            rows = [] if data is None else (_rows_of_parquet(data) if parquet else _rows_of_csv(data))
+            rows = [] if data is None else list(csv.DictReader(io.StringIO(data.decode(), newline="")))
             self.rows: dict[str, Row] = {row["run"]: row for row in rows}
             self.commands = [json.loads(row["command"]) for row in rows if not row["failure"]]
         except (ValueError, KeyError, TypeError):
@@ -71,7 +69,7 @@ class Table:
         """Write all rows, those of the runs in `last` behind the others and in their order."""
         order = [*(name for name in self.rows if name not in last), *(name for name in last if name in self.rows)]
         rows = [self.rows[name] for name in order]
-        data = _parquet(rows) if self.path.endswith(PARQUET) else _csv(rows)
+        data = _csv(rows)
         if is_address(self.path):
             with opened(self.path, "written") as (system, path):
                 system.makedirs(path.rpartition("/")[0], exist_ok=True)
@@ -113,33 +111,3 @@ def _csv(rows: Sequence[Row]) -> bytes:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue().encode(errors="backslashreplace")  # a path may be no UTF-8
-
-
-def _rows_of_csv(data: bytes) -> list[Row]:
-    return list(csv.DictReader(io.StringIO(data.decode(), newline="")))
-
-
-def _parquet(rows: Sequence[Row]) -> bytes:
-    pyarrow = _pyarrow()
-    kinds = {
-        **dict.fromkeys(_TEXTS, pyarrow.string()),
-        **dict.fromkeys(_COUNTS, pyarrow.int64()),
-        **dict.fromkeys(_FIGURES, pyarrow.float64()),
-    }
-    columns = {name: pyarrow.array([row.get(name) for row in rows], kinds[name]) for name in COLUMNS}
-    buffer = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(pyarrow.table(columns), buffer)
-    return bytes(buffer.getvalue())
-
-
-def _rows_of_parquet(data: bytes) -> list[Row]:
-    pyarrow = _pyarrow()
-    return list(pyarrow.parquet.read_table(pyarrow.BufferReader(data)).to_pylist())
-
-
-def _pyarrow() -> Any:
-    try:
-        import pyarrow.parquet
-    except ImportError:
-        raise InputError("--parquet needs pyarrow, which is not installed: pip install 'touchline[season]'") from None
-    return pyarrow

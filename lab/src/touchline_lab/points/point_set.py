@@ -15,8 +15,8 @@ from touchline.field import FieldModel
 from touchline.files.arrays import stored_array
 from touchline.files.opened import read_bytes
 from touchline.geometry import BoolArray, FloatArray, Pose
-from touchline.localization.registration.bound import bound_covariance, mean_errors
 from touchline.types import LinePoints
+from touchline_lab.points.bound import bound_covariance, mean_errors
 
 MAX_BYTES = 200_000_000
 MAX_FRAMES = 1_000_000

@@ -102,11 +102,6 @@ class Filter:
         return self.joint[ERRORS:, ERRORS:]
 
     @property
-    def error_crossed(self) -> FloatArray:
-        """(3, K) of the pose with the camera's errors."""
-        return self.joint[:3, ERRORS:]
-
-    @property
     def odometry(self) -> OdometryScales:
         """What it has learned of the odometry."""
         return scales_of(self.mean, self.joint)
