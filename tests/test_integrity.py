@@ -89,6 +89,22 @@ def test_the_gyro_tells_frozen_odometry_from_a_turning_head(gyro: float, code: s
     assert relation.blame().code == code
 
 
+@pytest.mark.parametrize(
+    ("gyro", "code"),
+    [
+        (lambda rate: rate, "odometry-against-gyro"),
+        (lambda rate: 0.0, "images-against-odometry"),  # it agrees with neither
+        (None, "images-against-odometry"),
+    ],
+)
+def test_what_nothing_explains_is_the_odometrys_by_the_gyro(gyro: Callable[[float], float] | None, code: str) -> None:
+    rng = np.random.default_rng(5)
+    relation = related(lambda step: Pose(*rng.normal(0.0, 0.2, 3).tolist()), gyro=gyro)
+    assert not relation.is_explained
+    assert relation.blame().code == code
+    assert relation.is_guess is (code == "images-against-odometry")
+
+
 def test_odometry_of_known_wrong_signs_is_put_right() -> None:
     backwards = related(lambda step: Pose(-step.x, -step.y, step.heading), all_round=False)
     assert backwards.signs == (-1, -1, 1)

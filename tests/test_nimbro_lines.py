@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.localization.registration.feature_model import FeatureModel, field_lines
 from touchline.localization.registration.features import Features, FeatureSettings
 from touchline.localization.search.feature_poses import PoseProposals
+from touchline.published.nimbro_lines.field_ends import FieldEnds
 from touchline.published.nimbro_lines.system import NimbroLines, NimbroLinesSettings
 from touchline.systems import RobotSetup, open_system
 from touchline.types import CrossingKind, Crossings, Frame, Landmarks, Lines, Observation, Prior, Status
@@ -76,6 +78,25 @@ def test_tables_name_the_nearest_crossing_of_each_orientation(field_name: str) -
 def test_colours_tell_the_ends_apart_where_there_are_any() -> None:
     assert FieldAssociations(open_field(FIELDS[0])).tell_ends_apart
     assert not FieldAssociations(open_field(FIELDS[1])).tell_ends_apart
+
+
+def test_the_twin_is_the_pose_once_colours_say_so_clearly() -> None:
+    told: list[float] = []
+    colours = SimpleNamespace(log_likelihoods=lambda view, poses: np.array([told.pop(), 0.0]))
+    ends = FieldEnds(symmetric=False, alike=True, colours=colours)  # type: ignore[arg-type]
+    assert (ends.known, ends.log_odds, ends.in_doubt) == (True, 0.0, True)
+    steps = [(2.0, 2.0), (-9.0, -2.0), (-0.9, -2.9), (-1.5, 4.4), (90.0, 8.4), (90.0, 12.0), (90.0, 12.0)]
+    for gain, log_odds in steps:
+        told.append(gain)
+        assert ends.compare(SimpleNamespace(size=1), HERE) is (gain == -1.5)  # type: ignore[arg-type]
+        assert ends.log_odds == pytest.approx(log_odds)
+    assert not ends.in_doubt
+    ends.forget_twin()
+    assert ends.in_doubt
+    ends.reset(start_known=True)
+    assert not ends.in_doubt
+    ends.lose()
+    assert ends.in_doubt
 
 
 def test_colours_that_do_not_count_tell_nothing_apart() -> None:
