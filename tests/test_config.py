@@ -47,7 +47,10 @@ def yaml_file(folder: Path, text: str, name: str = "robot.yaml") -> Path:
         ),
         ("wheels:\n- teeth: 3\n- places:\n  - [1, 2]\n  - [1, on]", r"line 3: wheels.1.places: a number is wanted"),
         ("wheel:\n\n  radius_m: wide", r"robot.yaml, line 3: setting 'wheel.radius_m': input should be a valid number"),
-        ("wheels:\n- teeth: 3\n- teath: 3", r"robot.yaml, line 3: unknown setting 'wheels.1.teath': did you mean"),
+        (
+            "wheels:\n- teeth: 3\n- teath: 3",
+            r"robot.yaml, line 3: unknown setting 'wheels.1.teath': did you mean 'wheels.1.teeth'",
+        ),
         ("wheel: {teeth: none}", r"setting 'wheel.teeth': .* \(got 'none'\); none is written null"),
         ("name: 1\nwheel:\n  radius_m: [", r"robot.yaml, line 4: is not valid YAML"),
     ],

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
-from touchline.geometry import Pose, Pose3
+from touchline.geometry import Pose, Pose3, wrap_angle, wrap_angles
 
 
 def some_pose(seed: int) -> Pose3:
@@ -44,3 +46,10 @@ def test_planar_poses_move_points_as_complex_numbers_do() -> None:
 def test_a_pose_of_the_wrong_shape_is_refused() -> None:
     with pytest.raises(ValueError, match=r"rotation \(3, 3\)"):
         Pose3(np.eye(2), np.zeros(3))
+
+
+def test_an_angle_lies_above_minus_half_a_turn() -> None:
+    angles = [-math.pi, math.pi, 3.0 * math.pi, 0.5 - 2.0 * math.pi, -0.5 + 4.0 * math.pi, 0.0]
+    expected = pytest.approx([math.pi, math.pi, math.pi, 0.5, -0.5, 0.0])
+    assert [wrap_angle(angle) for angle in angles] == expected
+    assert wrap_angles(angles) == expected

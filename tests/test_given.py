@@ -15,6 +15,7 @@ import touchline
 from touchline.errors import InputError, TouchlineError
 from touchline.field import FieldModel
 from touchline.geometry import Pose
+from touchline.given import given_switch
 from touchline.types import Frame, Prior, points_at
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
@@ -142,3 +143,10 @@ def test_files_are_told_how_to_become_a_recording(
         touchline.open_source(tmp_path / name)
     assert str(raised.value).startswith(f"{tmp_path / name}: ")
     assert told in str(raised.value)
+
+
+def test_a_switch_is_true_or_false() -> None:
+    assert [given_switch("half", value) for value in (True, False, np.True_, np.False_)] == [True, False, True, False]
+    for junk in ("no", 1, None, np.zeros(1)):
+        with pytest.raises(InputError, match="half: expected True or False"):
+            given_switch("half", junk)

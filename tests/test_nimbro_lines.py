@@ -16,6 +16,7 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.localization.registration.feature_model import FeatureModel, field_lines
 from touchline.localization.registration.features import Features, FeatureSettings
 from touchline.localization.search.feature_poses import PoseProposals
+from touchline.published.nimbro_lines.feature_belief import Agreement
 from touchline.published.nimbro_lines.field_ends import FieldEnds
 from touchline.published.nimbro_lines.system import NimbroLines, NimbroLinesSettings
 from touchline.systems import RobotSetup, open_system
@@ -200,3 +201,12 @@ def test_low_confidence_counts_less() -> None:
     sure, doubtful = (Features(made).of(s).lines for s in (seen, unsure))
     assert doubtful.floors[0] > sure.floors[0]
     assert doubtful.peaks[0] < sure.peaks[0]
+
+
+def test_agreement_is_told_once_half_its_memory_has_been_seen() -> None:
+    agreement = Agreement(10.0)
+    for seen, below in ((4.0, False), (5.0, True)):
+        agreement.start(seen)
+        agreement.own = 0.2 * seen
+        assert agreement.is_below(0.3) is below
+        assert not agreement.is_below(0.1)

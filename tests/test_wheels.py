@@ -255,3 +255,9 @@ def test_unknown_directions_are_told_and_parallel_ones_refused(
     parallel = with_sensors(tmp_path / "two", "wheels: {a_dir_rad: 0.2, b_dir_rad: 0.2}\n")
     with pytest.raises(InputError, match="parallel"):
         prepare(parallel, "iris-fusion")
+
+
+def test_a_wheel_errs_by_its_size_and_by_slip() -> None:
+    wheel = WheelSettings(scale_error=0.01, slip_m=0.004)
+    assert wheel.variance(2.0, 3.0) == pytest.approx(0.02**2 + 3.0 * 0.004**2)
+    assert wheel.variance(-2.0, 3.0) == wheel.variance(2.0, 3.0)
