@@ -172,7 +172,7 @@ def test_a_lone_line_leaves_what_a_shove_may_have_moved() -> None:
         assert deviations[1] < 0.05
 
 
-def test_small_errors_are_equal_within_a_margin_large_ones_within_a_factor() -> None:
+def test_equal_errors_lie_within_a_margin_or_a_factor() -> None:
     assert equal_error(0.0) == BETTER_MARGIN > 0.0
     assert equal_error(0.001) == pytest.approx(0.001 + BETTER_MARGIN)
     assert equal_error(0.1) == pytest.approx(0.2)
