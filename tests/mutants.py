@@ -248,7 +248,7 @@ def tests_of(fault: Fault) -> list[str]:
                 text = ast.unparse(module.defined[test.name])
                 by_name = len(words & _words(test.module)) + 2 * (re.search(rf"\b{name}\b", text) is not None)
                 rank = (distance - by_name, len(module.imported), test)
-                ranked.append((*rank, f"tests/{module.path.name}::{test.name}"))
+                ranked.append((*rank, f"{module.path.relative_to(ROOT)}::{test.name}"))
     return [str(each[-1]) for each in sorted(ranked)[:_MAX_TESTS]]
 
 

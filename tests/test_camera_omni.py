@@ -117,6 +117,18 @@ def test_a_bad_camera_file_gets_one_message(tmp_path: Path, snapshot: SnapshotAs
     assert told == snapshot
 
 
+def test_what_a_camera_file_may_leave_out(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    seen_from: dict[str, object] = {"viewpoint_height_m": 0.5}
+    for more in ({}, {"inner_radius_px": 0}, seen_from, seen_from | {"use_attitude": True}):
+        path.write_text(yaml.safe_dump(GOOD | more))
+        read = open_camera(path)
+        assert isinstance(read, OmniCamera)
+        assert read.inner_radius_px == more.get("inner_radius_px", 1)
+        assert read.viewpoint_height_m == more.get("viewpoint_height_m")
+        assert read.use_attitude is more.get("use_attitude", False)
+
+
 # --- a mirror that turns bearings -------------------------------------------------------------------------------------
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from touchline.camera import OmniCamera
 from touchline.cli.console import announce_compiling
+from touchline.compiling import load_loops_lean
 from touchline.evaluation.workers import open_workers
 from touchline.packed_loops import take_packed_loops
 from touchline.systems import SYSTEMS
@@ -114,6 +115,29 @@ def test_a_loop_from_the_cache_is_called_by_one_that_is_compiled_later(tmp_path:
         for _ in range(2)
     ]
     assert said == [["2.0", "0", "False", "7.0"], ["2.0", "1", "True", "7.0"]]
+
+
+def test_loops_kept_in_another_shape_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Library:
+        _shared_module: str | None = "parsed"
+
+        @classmethod
+        def _unserialize(cls, codegen: object, state: object) -> Library:
+            return cls()
+
+        def _get_module_for_linking(self) -> str | None:
+            return self._shared_module
+
+    monkeypatch.setattr("llvmlite.binding.parse_bitcode", lambda code: f"parsed {code.decode()}")
+    monkeypatch.setattr("numba.core.codegen.CPUCodeLibrary", Library)
+    load_loops_lean.__wrapped__()
+    for state in (("f", "object", b"code"), ("f", "object", ("code", "text")), ("f", "bitcode", b"code"), b"all"):
+        assert Library._unserialize(None, state)._get_module_for_linking() == "parsed"
+    kept = Library._unserialize(None, ("f", "object", (b"code", b"again")))
+    assert kept._shared_module is None
+    assert kept._get_module_for_linking() == "parsed again"
+    monkeypatch.setattr("numba.core.codegen.CPUCodeLibrary", None)
+    load_loops_lean.__wrapped__()
 
 
 def numba_is_set(task: int) -> tuple[bool, str, bool]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.base import ALL_ROUND, SECTOR
 from touchline.localization.registration.line_likeness import (
     CELL_M,
     CROWDED,
@@ -81,3 +82,12 @@ def test_nothing_and_one_point_count_as_they_are() -> None:
     assert len(counted(np.zeros((0, 2))).weights) == 0
     assert counted(np.array([[1.0, 2.0]])).weights.tolist() == [1.0]
     assert len(counted(np.tile([1.0, 2.0], (500, 1))).weights) <= 1
+
+
+def test_a_crude_image_convicts_no_pose_by_itself() -> None:
+    for trust in (ALL_ROUND, SECTOR):
+        assert trust.of(crude=False) is trust
+        crude = trust.of(crude=True)
+        assert (crude.max_gain, crude.found_gain, crude.tracked_ratio) == (0.5, 0.0, 0.5)
+        assert trust.share(0.4) == 0.4
+        assert crude.share(0.4) == pytest.approx(0.7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.published.nubot_mcl.alone import NubotMclAlone, NubotMclAloneSettings
-from touchline.published.nubot_mcl.particle_localizer import CONFIRMATIONS
+from touchline.published.nubot_mcl.particle_localizer import CONFIRMATIONS, ParticleLocalizer
 from touchline.published.nubot_mcl.system import NubotMcl, NubotMclSettings
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
@@ -129,3 +130,23 @@ def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None
         estimate = made.step(frame(k, LinePoints.none(), Pose(0.0, 0.0, 0.0), 0.3))
         assert estimate.status is Status.SEARCHING
     assert stand(made, Pose(2.0, 1.0, 0.3), range(3, 10), 0.3)[-1].status is Status.TRACKING
+
+
+def test_particles_along_a_lone_line_start_anew_later() -> None:
+    """The paper's own form, without a search of the whole field, has no such rule."""
+    along = np.linspace(-3.0, 3.0, 60)
+    line = np.column_stack((along, np.full(60, 1.5) + 0.02 * np.sin(along)))
+    corner = np.concatenate((line, line[:, ::-1]))
+    given_up: list[int] = []
+    seen: list[int] = []
+    search = SimpleNamespace(
+        reset=lambda: None, give_up=lambda: given_up.append(len(seen)), start_if_due=lambda *_: None,
+        cycle=lambda _: seen.append(1), converged=False,
+    )  # fmt: skip
+    for whole_field, expected in ((object(), [3]), (None, [])):
+        localizer = ParticleLocalizer(search, whole_field)  # type: ignore[arg-type]
+        given_up.clear()
+        seen.clear()
+        for points in (corner, line, line, corner, corner):
+            localizer.localize(SimpleNamespace(positions_m=points), SimpleNamespace())  # type: ignore[arg-type]
+        assert given_up == expected

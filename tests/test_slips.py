@@ -19,6 +19,7 @@ from touchline.checks.findings import Severity
 from touchline.checks.slips import find_slips
 from touchline.cli.run import execute
 from touchline.errors import InputError, TouchlineError
+from touchline.messages import length_unit
 from touchline.sources import open_source
 from touchline.types import ImageArray
 
@@ -154,3 +155,8 @@ def test_where_a_camera_is_in_other_units(
     path = folder / file
     path.write_text(spoil(path.read_text() if path.exists() else ""))
     assert found(folder) == [(code, file)]
+
+
+def test_the_unit_of_a_length() -> None:
+    units = [length_unit(number, 60.0) for number in (900.0, 6000.0, 6001.0, 18000.0)]
+    assert units == ["centimetres", "centimetres", "millimetres", "millimetres"]

@@ -20,8 +20,10 @@ from touchline.published.nubot.compass_correction import CompassCorrection, Comp
 from touchline.published.nubot.match_input import MatchInput
 from touchline.published.nubot.matcher import Match, Matcher
 from touchline.published.nubot.pose_filter import (
+    BETTER_MARGIN,
     Fusion,
     PoseFilter,
+    equal_error,
 )
 from touchline.published.nubot.tracker import Tracker
 from touchline.types import points_at
@@ -168,3 +170,9 @@ def test_a_lone_line_leaves_what_a_shove_may_have_moved() -> None:
         deviations = np.sqrt(np.diag(tracker.filter.covariance))
         assert deviations[0] == pytest.approx(along_m, abs=0.01)
         assert deviations[1] < 0.05
+
+
+def test_small_errors_are_equal_within_a_margin_large_ones_within_a_factor() -> None:
+    assert equal_error(0.0) == BETTER_MARGIN > 0.0
+    assert equal_error(0.001) == pytest.approx(0.001 + BETTER_MARGIN)
+    assert equal_error(0.1) == pytest.approx(0.2)

@@ -210,6 +210,16 @@ def test_any_program_can_enter(small: Path, tmp_path: Path, capsys: pytest.Captu
     assert main(["bench", "export", str(small), str(inputs), "--robots", "1"]) == 2  # nothing is overwritten
 
 
+def test_inputs_go_into_a_folder_that_there_is(
+    small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runs, "export", lambda entry, folder, mcap: folder / entry.name)
+    assert main(["bench", "export", str(small), str(tmp_path / "inputs"), "--robots", "1"]) == 0
+    assert capsys.readouterr().out.count(str(tmp_path / "inputs")) == 2
+    assert main(["bench", "export", str(small), str(tmp_path / "nowhere" / "inputs")]) == 2
+    assert "nowhere is no folder" in " ".join(capsys.readouterr().err.split())
+
+
 def test_the_one_figure_is_the_mean_of_rows_and_says_which_are_missing() -> None:
     suite = open_suite(SUITE)
     first, second = [row.name for row in suite.rows if row.track == "mirror"][:2]

@@ -217,6 +217,17 @@ def test_a_name_is_right_where_it_is_that_of_the_fault() -> None:
     assert rightly_named(frozen, [*["odometry-turn-sign"] * 3, *["images-repeat"] * 2]) is False
 
 
+def test_faults_in_play_come_one_after_the_other() -> None:
+    drawn = faulty_play.faults_of(MIRROR, 36_000.0, np.random.default_rng(3))
+    times_s = np.array([(fault.start_s, fault.end_s) for _, fault in drawn])
+    lasts_s = times_s[:, 1] - times_s[:, 0]
+    assert (times_s[1:, 0] > times_s[:-1, 1]).all()
+    assert 1.0 <= lasts_s.min() < 2.0
+    assert 80.0 < lasts_s.max() <= 120.0
+    assert len({kind.name for kind, _ in drawn}) > 40
+    assert not any(kind.family in ("carried", "start") for kind, _ in drawn)
+
+
 def test_play_counts_losses_that_nobody_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A system that is sure of whatever it says: 1.5 m off for two seconds, and once for half a second."""
 

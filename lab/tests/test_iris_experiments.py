@@ -12,7 +12,7 @@ from touchline.field import open_field
 from touchline.geometry import wrap_angles
 from touchline.systems import RobotSetup
 from touchline.types import Frame, Mode, Samples
-from touchline_lab.experiments import iris_disturbances
+from touchline_lab.experiments import iris_disturbances, iris_points
 from touchline_lab.experiments.drives import Drive, Track
 from touchline_lab.experiments.injections import covered, gyro_drifting, slipped
 from touchline_lab.experiments.iris_runs import SYSTEMS, IrisDrive, drive
@@ -77,3 +77,26 @@ def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:
     outcome = iris_disturbances.outcome_of(driven, 1.0)
     assert not outcome.found
     assert not any(outcome.is_kept(kind) for kind in iris_disturbances.KINDS)
+
+
+# --- the table ------------------------------------------------------------------------------------------------------
+
+
+def test_without_the_recording_the_simulated_table_stands_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two places, at each of which the fusion is 1 cm off, the others 2 and 3."""
+    truth = np.repeat([[0.0, 0.0, 0.0], [1.0, 2.0, 0.5]], 30, axis=0)
+    times_s, tracking, none = np.arange(60) / 5.0, np.ones(60, dtype=bool), np.zeros(0, dtype=np.int64)
+    said = {
+        name: Track(times_s, truth + [error_m, 0.0, 0.0], truth, tracking)
+        for name, error_m in zip(SYSTEMS, (0.02, 0.03, 0.01), strict=True)
+    }
+    toured = IrisDrive(open_field("indoor-9x6"), said, tracking, (Mode.BOTH,) * 60, none)
+    monkeypatch.setattr(iris_points, "tour", lambda *_, **__: toured)
+    monkeypatch.setattr(iris_points, "recorded_tour", lambda *_: None)
+    found = iris_points.iris_points(1)
+    first = {row[0]: row for row in found.rows if row[0]}
+    fusions = ("on images", "mirror tilted by 0.5°", "mirror tilted by 0.5°, on images")
+    assert list(first) == [*SYSTEMS, *(f"sensor fusion, {name}" for name in fusions)]
+    assert [row[5] for row in first.values()] == ["2.00", "3.00", *["1.00"] * 4]
+    assert "TOUCHLINE_DATA" in " ".join(found.notes)
+    assert [name for name, _ in found.pictures] == ["error-map", "places"]
