@@ -59,7 +59,11 @@ class Table:
         data = self._read()
         self.exists = data is not None
         try:
-            rows = [] if data is None else list(csv.DictReader(io.StringIO(data.decode(errors="surrogateescape"), newline="")))
+            rows = (
+                []
+                if data is None
+                else list(csv.DictReader(io.StringIO(data.decode(errors="surrogateescape"), newline="")))
+            )
             self.rows: dict[str, Row] = {row["run"]: row for row in rows}
             self.commands = [json.loads(row["command"]) for row in rows if not row["failure"]]
         except (ValueError, KeyError, TypeError, csv.Error):
