@@ -346,9 +346,8 @@ def main() -> int:
         ends[end] += 1
         if end != "noticed":
             print(f"{end}: {fault.module}.{fault.function}, {change}", flush=True)
-    print(
-        f"{ends['noticed']} of {ends['noticed'] + ends['not noticed']} faults are noticed; code of {ends['gone']} is gone"
-    )
+    looked = ends["noticed"] + ends["not noticed"]
+    print(f"{ends['noticed']} of {looked} faults are noticed; the code of {ends['gone']} is gone")
     return 0
 
 
