@@ -64,6 +64,7 @@ def range_errors(shape: MirrorShape, first_m: float = 2.0) -> FloatArray:
     return np.asarray(shape.range_m(np.arctan(ranges / SCALE_M) / PER_PX) / ranges - 1.0)
 
 
+@pytest.mark.slow
 def test_a_mirror_is_found_in_clutter(field: FieldModel) -> None:
     rng, handedness = np.random.default_rng(3), -1
     pixels = seen_pixels(field, Pose(3.0, -1.5, 0.7), rng, handedness)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 
 import mutants
+import pytest
 
 TEXT = """
 class Shape:
@@ -35,12 +36,14 @@ def test_words_are_left_alone() -> None:
         assert mutants.with_fault(ast.parse(text, mode="eval").body) is None
 
 
+@pytest.mark.slow
 def test_every_room_gets_the_same_faults_for_the_same_seed() -> None:
     faults = mutants.drawn(1, 3)
     assert faults == mutants.drawn(1, 3)
     assert len({mutants.room_of(fault.module) for fault in faults}) > 0.8 * len(mutants.rooms())
 
 
+@pytest.mark.slow
 def test_tests_are_found_that_lead_to_a_function() -> None:
     found = mutants.tests_of(mutants.Fault("touchline.geometry", "Pose.compose", ""))
     assert found[0].startswith("tests/test_geometry.py::")

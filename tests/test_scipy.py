@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "touchline"
 USERS = ("calibration", "sources/bags", "evaluation", "published/nimbro_lines/imu.py")
 LAZY = ("sources/bags/transforms.py",)  # itself imported with bags and ROS 2's topics alone
@@ -29,6 +31,7 @@ def test_scipy_is_imported_where_it_is_used() -> None:
             assert name in LAZY or not any(map(_imports, on_top)), f"{name} imports SciPy at its top"
 
 
+@pytest.mark.slow
 def test_a_run_needs_none_of_scipys_parts(small_data: Path, tmp_path: Path) -> None:
     """Numba by itself looks into scipy.linalg for the BLAS."""
     run = ["run", str(small_data / "omni_9x6_points"), "--output", str(tmp_path / "run")]

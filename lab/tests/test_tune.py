@@ -151,5 +151,5 @@ def test_the_command_refuses_before_it_computes(
     assert "judged on others" in refusal(SCENARIO, *ways, "--judge", SCENARIO)
     assert "one key twice" in refusal(SCENARIO, *ways, *ways)
     monkeypatch.setitem(sys.modules, "optuna", None)
-    assert "pip install 'touchline[tune]'" in refusal(SCENARIO, *ways)
+    assert "pip install 'touchline-lab'" in refusal(SCENARIO, *ways)
     assert not (tmp_path / "tuned").exists()

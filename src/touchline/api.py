@@ -297,7 +297,7 @@ def _problems(source: Recording) -> ReadingProblems:
 
 
 def _write_report(finished: Run, source: Recording, tally: RunTally, system: LocalizationSystem) -> None:
-    from touchline.evaluation.report import write_report  # Matplotlib takes its time: the first frame need not wait
+    from touchline.evaluation.report import write_report  # the first frame need not wait for it
     from touchline.evaluation.run_data import RunData
     from touchline.view.run_pictures import run_pictures, thumbnails
 

@@ -4,7 +4,7 @@
     python lab/benchmarks/mujoco/judge.py percepts [--walks 100] [--seconds 60] [--calm]
 
 Each walk is made (walks.py), kept where --keep says so, and localised from its true start; walks that are kept already
-are not made again. Needs `pip install 'touchline[mujoco]'`.
+are not made again. Needs `pip install 'touchline-lab[mujoco]'`.
 """
 
 from __future__ import annotations

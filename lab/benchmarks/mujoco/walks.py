@@ -5,7 +5,7 @@
 
 `hall` renders images along the walk and gives pushes; `percepts` is the server's simulation in this process, on its own
 field. Without --calm there are falls (the legs go limp; the robot gets up where it lies, turned) and, with percepts,
-kidnaps. Needs `pip install 'touchline[mujoco]'`.
+kidnaps. Needs `pip install 'touchline-lab[mujoco]'`.
 
 The robot's sensors are as built, errors drawn per seed: joints' zeros, the IMU's lean (late, noisy, off), the gyro's
 bias, odometry by the standing leg's joints and the gyro, and kinematics of the camera whose roll, pitch, height and

@@ -22,7 +22,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         gc.set_threshold(100_000)  # what imports make stays, and looking through it takes 0.1 s on the way
         atexit.register(gc.freeze)  # and as long at the end
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a command as Ctrl-C does
-    os.environ["MPLBACKEND"] = "agg"  # figures are written, not shown; Matplotlib refuses names that it does not know
     # matrices and images are small: more threads would wait for each other
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")

@@ -17,7 +17,7 @@ from touchline.cli.console import errors_console, on_compiling, say
 from touchline.cli.options import WorkerCount
 from touchline.messages import counted
 from touchline.packed_loops import packed_loops_taken, take_packed_loops
-from touchline.plugins import entry_points_of
+from touchline.plugins import entry_points_of, load
 
 if TYPE_CHECKING:
     from touchline.camera import PinholeCamera
@@ -52,7 +52,8 @@ def compile_loops(
     ]
     if everything:
         steps += [("calibrations", _calibrate_example)]
-        steps += [(name, entry.load()) for name, entry in entry_points_of("touchline.loops").items()]
+        others = entry_points_of("touchline.loops").items()
+        steps += [(name, example) for name, entry in others if (example := load(entry)) is not None]
     compiled = _compiled_side_by_side(workers)
     for number, (name, example) in enumerate(steps, 1):
         started = time.perf_counter()

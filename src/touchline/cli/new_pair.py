@@ -49,10 +49,13 @@ def print_lines(words: str, *files: Path) -> None:
 
 
 def calibration_of_a_paper(name: str) -> Callable[..., Calibrated]:
-    """A calibration that an installed package brings as `NAME` of the entry points `touchline.calibrations`."""
-    from touchline.plugins import entry_points_of
+    """The calibration `mirror`, `range` or `imu` of a paper, which an entry point leads to."""
+    from touchline.plugins import entry_points_of, load
 
-    found: Callable[..., Calibrated] = entry_points_of("touchline.calibrations")[name].load()
+    entry = entry_points_of("touchline.calibrations").get(name)
+    found: Callable[..., Calibrated] | None = None if entry is None else load(entry)
+    if found is None:
+        raise InputError(f"calibrate {name} is not installed with this touchline: install it again")
     return found
 
 

@@ -1,5 +1,7 @@
 """Commands that installed packages bring as entry points `touchline.commands`; `--help` imports none of them."""
 
+from functools import cached_property
+from importlib.metadata import EntryPoint
 from typing import Any
 
 import typer
@@ -19,32 +21,33 @@ _LAB = {  # commands of touchline-lab, with their lines of help
 class CommandGroup(TyperGroup):
     """The commands of this package, then those of others, which are imported when they are called."""
 
+    @cached_property
+    def others(self) -> dict[str, EntryPoint]:
+        """The commands of other packages."""
+        return entry_points_of("touchline.commands", self.commands)
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of all commands."""
-        own = super().list_commands(ctx)
-        return [*own, *entry_points_of("touchline.commands", own)]
+        return [*super().list_commands(ctx), *self.others]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command of this package; of another a line of help in its place."""
-        found = super().get_command(ctx, cmd_name)
-        entry = None if found is not None else entry_points_of("touchline.commands").get(cmd_name)
-        if entry is None:
-            return found
-        return TyperCommand(cmd_name, help=_LAB.get(cmd_name, f"A command of {package_of(entry)}."), callback=None)
+        if cmd_name in self.commands or cmd_name not in self.others:
+            return super().get_command(ctx, cmd_name)
+        line = _LAB.get(cmd_name, f"A command of {package_of(self.others[cmd_name])}.")
+        return TyperCommand(cmd_name, help=line, callback=None)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Import the command that is called."""
         name = args[0]
-        if super().get_command(ctx, name) is None:
-            entry = entry_points_of("touchline.commands").get(name)
-            found = None if entry is None else load(entry)
-            if found is not None:
-                return name, _command(name, found), args[1:]
-            if name in _LAB and entry is None:
-                raise InputError(f"touchline {name} is a command of another package: pip install touchline-lab")
-            if entry is not None:
-                raise InputError(f"touchline {name}: {package_of(entry)}, which brings it, cannot be imported")
-        return super().resolve_command(ctx, args)
+        if name in self.commands or name not in (*self.others, *_LAB):
+            return super().resolve_command(ctx, args)
+        if name not in self.others:
+            raise InputError(f"touchline {name} is a command of another package: pip install touchline-lab")
+        found = load(self.others[name])
+        if found is None:
+            raise InputError(f"touchline {name}: {package_of(self.others[name])}, which brings it, cannot be imported")
+        return name, _command(name, found), args[1:]
 
 
 def _command(name: str, found: Any) -> Any:

@@ -59,10 +59,14 @@ class Table:
         data = self._read()
         self.exists = data is not None
         try:
-            rows = [] if data is None else list(csv.DictReader(io.StringIO(data.decode(), newline="")))
+            rows = (
+                []
+                if data is None
+                else list(csv.DictReader(io.StringIO(data.decode(errors="surrogateescape"), newline="")))
+            )
             self.rows: dict[str, Row] = {row["run"]: row for row in rows}
             self.commands = [json.loads(row["command"]) for row in rows if not row["failure"]]
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, csv.Error):
             raise InputError(f"{self.path}: is no table of touchline season; choose another folder") from None
 
     def write(self, last: Sequence[str] = ()) -> None:
@@ -107,7 +111,7 @@ def row_of(summary: RunSummary) -> Row:
 
 def _csv(rows: Sequence[Row]) -> bytes:
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
+    writer = csv.DictWriter(text, COLUMNS, restval="", extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    return text.getvalue().encode(errors="backslashreplace")  # a path may be no UTF-8
+    return text.getvalue().encode(errors="surrogateescape")  # a path may be no UTF-8

@@ -37,14 +37,22 @@ class _Systems(UserDict[str, SystemInfo]):
         self.data = {DEFAULT_SYSTEM: _OWN, **dict.fromkeys(self._entries)}  # type: ignore[dict-item]
 
     def __getitem__(self, name: str) -> SystemInfo:
-        entry = self._entries.pop(name, None)
+        entry = self._entries.get(name)
         if entry is not None:
             info = load(entry, SystemInfo)
             if info is None:
-                del self.data[name]
-                raise KeyError(name)
-            self.data[name] = info
+                self.data.pop(name, None)
+            else:
+                self.data[name] = info
+            self._entries.pop(name, None)
         return self.data[name]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The named system; the default for an unknown one, and for one that cannot be imported."""
+        try:
+            return self[name]
+        except KeyError:
+            return default
 
     def _load_all(self) -> None:
         for name in list(self._entries):
@@ -88,7 +96,7 @@ def open_system(
     """A system that is ready for its first frame.
 
     setup: also a field alone, by its name or file, or a dict of a RobotSetup's arguments, as {"field": "msl-18x12",
-    "camera": "camera.yaml"}. settings: its own, by default the paper's values, or only what differs, as
+    "camera": "camera.yaml"}. settings: its own, by default the system's, or only what differs, as
     {"matching.c_m": 0.3}. rng: where all its chance comes from, or a seed; by default of seed 0.
     Raises InputError for an unknown name, for settings of another system and for a camera that the system cannot use.
     """

@@ -12,7 +12,7 @@ from touchline.types import System
 
 
 class LocalizationSystem(System, Protocol):
-    """A system of this package: what it sees with can be looked at, too."""
+    """A system that can be looked into: what it sees with, and what it remembers of the motion."""
 
     @property
     def detector(self) -> Detector | None:

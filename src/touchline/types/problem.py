@@ -35,7 +35,7 @@ class ProblemCode:
     FIELD_OFF_CARPET = "field-off-carpet"  # the pose lies where no robot stands
     # which end of the field the robot is at
     END_UNDECIDED = "end-undecided"  # nothing tells the ends apart; no sensor is at fault
-    END_BY_COMPASS = "end-by-compass"  # the compass, more than anything else, says: the other one
+    END_BY_COMPASS = "end-by-compass"  # above all the compass indicates the other end
     END_BY_COLOURS = "end-by-colours"  # likewise the colours of goals and poles
     END_BY_OTHERS = "end-by-others"  # likewise team mates, or another source of evidence
     # the compass, as nubot-mti and nubot-mcl judge it
@@ -57,8 +57,8 @@ class ProblemCode:
     IMAGE_FAR = "image-far"  # stamped far from the one before; left out unless the next one is there, too
     IMAGE_CLOCK = "image-clock"  # the clock was set back
     OBSERVATION_UNUSABLE = "observation-unusable"  # what a detector found, or a part of it, is no measurement
-    EVIDENCE_UNUSABLE = "evidence-unusable"  # of others: none, or more than can be taken until the next image
-    GAME_STATE_UNUSABLE = "game-state-unusable"  # none that is known
+    EVIDENCE_UNUSABLE = "evidence-unusable"  # of other sources: invalid, or too many before the next image
+    GAME_STATE_UNUSABLE = "game-state-unusable"  # an unknown game state
     CAMERA_POSE_UNUSABLE = "camera-pose-unusable"  # no pose
     LOCALIZATION_FAILED = "localization-failed"  # by an error of the program, and started anew
     # what `touchline check` alone finds

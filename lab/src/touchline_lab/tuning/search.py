@@ -96,7 +96,7 @@ def optuna_library() -> Any:
     try:
         optuna = importlib.import_module("optuna")
     except ImportError:
-        raise InputError("tuning needs Optuna, which is not installed: pip install 'touchline[tune]'") from None
+        raise InputError("tuning needs Optuna, which is not installed: pip install 'touchline-lab'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
 
