@@ -87,7 +87,7 @@ def test_without_the_recording_the_simulated_table_stands_alone(monkeypatch: pyt
     truth = np.repeat([[0.0, 0.0, 0.0], [1.0, 2.0, 0.5]], 30, axis=0)
     times_s, tracking, none = np.arange(60) / 5.0, np.ones(60, dtype=bool), np.zeros(0, dtype=np.int64)
     said = {
-        name: Track(times_s, [*truth, error_m, 0.0, 0.0], truth, tracking)
+        name: Track(times_s, truth + np.array([error_m, 0.0, 0.0]), truth, tracking)
         for name, error_m in zip(SYSTEMS, (0.02, 0.03, 0.01), strict=True)
     }
     toured = IrisDrive(open_field("indoor-9x6"), said, tracking, (Mode.BOTH,) * 60, none)
