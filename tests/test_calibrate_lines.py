@@ -155,6 +155,7 @@ def test_the_camera_puts_pixels_where_the_shape_does() -> None:
     assert np.hypot(*(camera.ground_from_image(pixels) - expected).T).max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_camera_and_a_picture(field: FieldModel, tmp_path: Path) -> None:
     """Of a field whose file has the outer edges of its lines, which it says."""
     pixels = seen_pixels(field, Pose(3.0, -1.5, 0.7), np.random.default_rng(3))

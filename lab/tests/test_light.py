@@ -13,6 +13,8 @@ from touchline_lab.experiments import light
 from touchline_lab.simulation.cameras.omni import SimulatedOmniCamera
 from touchline_lab.simulation.run import Simulation
 
+pytestmark = pytest.mark.slow  # rendering
+
 
 @pytest.fixture(scope="module")
 def seen_truth() -> tuple[Simulation, Any]:

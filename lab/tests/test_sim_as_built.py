@@ -43,6 +43,7 @@ def test_camera_yaml_is_that_of_a_calibration_or_of_the_design() -> None:
     assert ranges[:4].mean() == pytest.approx(error.range_error, abs=0.01)
 
 
+@pytest.mark.slow
 def test_images_come_late_with_the_stamp_of_when_they_were_taken() -> None:
     simulation = Simulation(SHORT, "points")
     delays_s = 1e-9 * (simulation.arrival_stamps - simulation.image_stamps)

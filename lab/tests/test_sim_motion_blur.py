@@ -18,6 +18,8 @@ from touchline_lab.simulation.world.hall import default_world
 from touchline_lab.simulation.world.lights import Lights
 from touchline_lab.simulation.world.world import PAINTS, GroundMark, World, WorldState
 
+pytestmark = pytest.mark.slow  # rendering
+
 
 @pytest.fixture(scope="module")
 def walk() -> Simulation:

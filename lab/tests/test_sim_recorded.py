@@ -20,6 +20,8 @@ from touchline_lab.simulation.recording import encoded
 from touchline_lab.simulation.world.hall import default_world
 from touchline_lab.simulation.world.world import WorldState
 
+pytestmark = pytest.mark.slow  # rendering
+
 LAMPS = (12.0, 1.7)  # exposure (ms) and gain that suit the hall's lamps
 OMNI = {  # images; those that a recording cut short lacks are left out
     "omni_msl_track": (0, 40, 60),

@@ -24,6 +24,8 @@ from touchline_lab.simulation.world.hall import default_world
 from touchline_lab.simulation.world.lights import Lights
 from touchline_lab.simulation.world.world import PAINTS, GroundMark, RobotActor, World, WorldState
 
+pytestmark = pytest.mark.slow  # rendering
+
 Camera = SimulatedOmniCamera | SimulatedPerspectiveCamera
 POSE = Pose(-1.3, 0.8, 0.4)
 

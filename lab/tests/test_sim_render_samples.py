@@ -20,6 +20,8 @@ from touchline_lab.simulation.rendering.solids import (
     sort_into_cells,
 )
 
+pytestmark = pytest.mark.slow  # rendering
+
 
 def even_rays() -> npt.NDArray[np.float32]:
     """Rays (5, 7, 6) that change evenly from pixel to pixel; one pixel sees nothing."""

@@ -14,6 +14,8 @@ from touchline.errors import InputError
 from touchline.sources import open_source
 from touchline_lab.simulation.cameras.image_sensor import ImageSensor, LinearImageCamera, noise_numbers
 
+pytestmark = pytest.mark.slow  # rendering
+
 FLAT = ImageSensor(optics_blur_sigma_px=0.0, white_balance_rgb=(1.0, 1.0, 1.0))
 
 

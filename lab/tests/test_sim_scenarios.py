@@ -35,6 +35,7 @@ class TestEveryScenario:
 
 
 class TestDeterminism:
+    @pytest.mark.slow
     def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_run(self, tmp_path: Path) -> None:
         for folder, seed in (("one", 5), ("same", 5), ("other", 6)):
             write_recording(shortened("match", 0.3, seed), tmp_path / folder)
@@ -45,6 +46,7 @@ class TestDeterminism:
         assert {"images/000000.jpg", "imu.csv", "odometry.csv", "wheels.csv", "ground_truth.tum"} <= differing
         assert {"field.yaml", "camera.yaml", "images.csv"} & differing == set()
 
+    @pytest.mark.slow
     def test_a_frame_is_the_same_whatever_was_asked_for_before(self) -> None:
         simulation = shortened("match", 1.0)
         list(simulation)

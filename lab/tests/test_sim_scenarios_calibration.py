@@ -37,6 +37,7 @@ class TestCalibrationInputs:
             for (u, v), colour in zip(pixels, colours, strict=False):
                 assert (image[v, u].min() > 120) == (colour == "white"), (index, colour)
 
+    @pytest.mark.slow
     def test_chessboard_corners_are_where_opencv_finds_them(self, recordings: Recordings) -> None:
         folder = recordings["chessboard"]
         marks = [row for row in table(folder / "marks.csv") if row["file"] == "images/000000.jpg"]

@@ -103,6 +103,7 @@ class TestMistakes:
 
 
 class TestCommand:
+    @pytest.mark.slow
     def test_it_writes_a_recording_and_never_overwrites_one(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
@@ -123,6 +124,7 @@ class TestCommand:
         assert "exists already and is not overwritten" in capsys.readouterr().err
         assert content(tmp_path / "new") == before
 
+    @pytest.mark.slow
     def test_a_simulated_recording_is_made_again_from_its_own_folder(self, tmp_path: Path) -> None:
         for name in ("straight-tracks",):
             first, again = tmp_path / name, tmp_path / f"{name}-again"

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from touchline.geometry import FloatArray
 from touchline_lab.simulation.cameras.image_sensor import ImageSensor
 from touchline_lab.simulation.run import Simulation
 from touchline_lab.simulation.scenario import open_scenario
+
+pytestmark = pytest.mark.slow  # rendering
 
 PLAIN = ("others.robots=0", "others.balls=0", "clutter=false", "motion.kind=stand", "disturbances.shove_every_s=0")
 

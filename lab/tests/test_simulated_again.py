@@ -21,7 +21,6 @@ from touchline_lab.simulation.scenario import open_scenario, scenario_names
 
 IMAGES = Path(__file__).parent / "images.npz"
 FEW = ("match", "crowd", "walk-hsl", "walk-falls", "cloud", "lens", "fisheye")
-ALIKE = ("lighting-2", "lighting-3", "occlusion-12", "occlusion-50", "tour-20")  # to others of them
 BLOCK_PX = 16
 
 
@@ -55,9 +54,8 @@ def looked(name: str) -> ImageArray:
     return cv2.resize(image, None, fx=1 / BLOCK_PX, fy=1 / BLOCK_PX, interpolation=cv2.INTER_AREA)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow if n in ALIKE else ()) for n in scenario_names()]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenario_names())
 def test_an_image_is_rendered_as_it_was(name: str) -> None:
     with np.load(IMAGES) as file:
         was = file[name].astype(np.float64)
