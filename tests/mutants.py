@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[1]
 REPLAYS = "tests/test_replays.py"
 _FOLDERS = ("src", "lab/src", "tests", "lab/tests")
 _WORKERS = 2
-_MAX_TESTS = 12
+_MAX_TESTS = 60
 _MAX_DISTANCE = 9
 _FLIPPED = {
     **{ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
