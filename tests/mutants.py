@@ -37,7 +37,6 @@ ROOT = Path(__file__).parents[1]
 REPLAYS = "tests/test_replays.py"
 _FOLDERS = ("src", "lab/src", "tests", "lab/tests")
 _WORKERS = 2
-_MAX_TESTS = 60
 _MAX_DISTANCE = 9
 _FLIPPED = {
     **{ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
@@ -249,7 +248,13 @@ def tests_of(fault: Fault) -> list[str]:
                 by_name = len(words & _words(test.module)) + 2 * (re.search(rf"\b{name}\b", text) is not None)
                 rank = (distance - by_name, len(module.imported), test)
                 ranked.append((*rank, f"{module.path.relative_to(ROOT)}::{test.name}"))
-    return [str(each[-1]) for each in sorted(ranked)[:_MAX_TESTS]]
+    return [str(each[-1]) for each in sorted(ranked)] or _files_named_like(fault.module)
+
+
+def _files_named_like(module: str) -> list[str]:
+    """The files of tests that share a word with a module that only an entry point leads to, as of a command."""
+    files = [path for folder in ("tests", "lab/tests") for path in sorted((ROOT / folder).glob("test_*.py"))]
+    return [str(path.relative_to(ROOT)) for path in files if (_words(module) - {"lab", "cli"}) & _words(path.stem)]
 
 
 def _words(name: str) -> set[str]:
