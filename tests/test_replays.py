@@ -34,7 +34,7 @@ def test_a_replay_gives_what_it_gave(row: dict[str, Any]) -> None:
         assert not differs.any(), f"other from image {np.argmax(differs)} on; `make goldens` if that is right"
     else:
         assert np.median(np.hypot(*away[:2])) < NEAR_M
-    assert len({*facts.codes} ^ {*row["codes"]}) <= (0 if same else 1)
+    assert facts.codes == row["codes"]
     assert facts.wrong <= row["wrong"] + (0 if same else 0.05 * len(estimates))
     assert (facts.error_m is None) == (row["error_m"] is None)
     assert facts.error_m is None or facts.error_m <= row["error_m"]

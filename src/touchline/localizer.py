@@ -433,11 +433,11 @@ class Localizer:
         except Exception as error:
             _log.exception("localization failed and starts anew")
             self._counts.add(
-                ProblemCode.LOCALIZATION_FAILED, f"localization: failed by {type(error).__name__} and started anew"
+                ProblemCode.LOCALIZATION_FAILED, f"localization: failed by {type(error).__name__} and started again"
             )
             self._system.reset(Prior(self._last.pose) if self._last is not None else self._prior)
             estimate = replace(self._last or self._unknown(frame.stamp_ns), stamp_ns=frame.stamp_ns)
-            estimate = estimate.unconfirmed(f"localization failed by {type(error).__name__} and started anew")
+            estimate = estimate.unconfirmed(f"localization failed by {type(error).__name__} and started again")
         order = self._system.order
         if order in _ODD_ORDERS:
             self._counts.add(*_ODD_ORDERS[order])

@@ -2,7 +2,7 @@
 
 A bundle adjustment (`calibration/bundle.py`) of the mirror, and of the pose and the shaking of images from all over a
 recording: robust Gauss-Newton steps on the distances of the line points from the lines. The mirror is that of
-`localization/registration/mirror_kernels.py`, with a smooth correction of its ranges. The poses of a run of the system
+`localization/camera_errors/mirror.py`, with a smooth correction of its ranges. The poses of a run of the system
 are where it begins.
 """
 

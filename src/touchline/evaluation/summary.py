@@ -22,7 +22,7 @@ class RunRecording(BaseModel):
 
 
 class RunPrior(BaseModel):
-    """Where the robot started, as far as the system was told. pose: x, y (m), heading (rad)."""
+    """Start given to the system. pose: x, y (m), heading (rad)."""
 
     pose: tuple[float, float, float] | None = None
     own_half: bool = False

@@ -81,7 +81,7 @@ def _camera_kind(path: Path, kind: object, camera_file: Path, model: Mapping[str
     if kind not in known:
         raise InputError(f"{path}: camera '{kind!s:.60}' is not known; {did_you_mean(str(kind), known)}")
     found = None if model is None else model.get("model")
-    if found in known and found != kind:  # whoever needs the camera is told of the rest
+    if found in known and found != kind:  # the rest is reported where the camera is needed
         raise InputError(f"{camera_file}: describes a camera of model '{found}', but {path} says camera '{kind}'")
     return str(kind)
 

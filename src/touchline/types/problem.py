@@ -60,7 +60,7 @@ class ProblemCode:
     EVIDENCE_UNUSABLE = "evidence-unusable"  # of other sources: invalid, or too many before the next image
     GAME_STATE_UNUSABLE = "game-state-unusable"  # an unknown game state
     CAMERA_POSE_UNUSABLE = "camera-pose-unusable"  # no pose
-    LOCALIZATION_FAILED = "localization-failed"  # by an error of the program, and started anew
+    LOCALIZATION_FAILED = "localization-failed"  # an error of the program; the system was started again
     # what `touchline check` alone finds
     SENSORS_DISAGREE = "sensors-disagree"  # sensors and field contradict each other, and nothing is identified
     TIME_UNIT = "time-unit"  # times are not in seconds

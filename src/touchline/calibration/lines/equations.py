@@ -2,7 +2,7 @@
 
 A point at the pixel (u, v) lies rho from the centre, in the direction e. The mirror puts it at the range
 r = a tan(b rho) exp(s(rho)), s a cubic spline on even knots, zero to begin with: p = r e. What leans moves it to
-(p + h² g) / (1 - g·p) (see `localization.published.nubot.mirror_fit`). The pose puts it on the field.
+(p + h² g) / (1 - g·p) (see `localization/camera_errors/mirror_response`). The pose puts it on the field.
 
 A distance counts in standard deviations: one pixel, seen through the mirror across the line, and the ground's own
 uncertainty. Measured in metres alone, a mirror that shrinks the field to a point would fit best.

@@ -27,7 +27,7 @@ def calibrated_range(
     keep_center: bool = False,
     follow_links: bool = False,
 ) -> Calibrated:
-    """From a recording's marks or calibration strip, or a file of marks. Raises InputError where it can't be told."""
+    """Fit the ranges to a recording's marks or calibration strip, or to a file of marks. Raises InputError."""
     pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
     regression = fit_range(pairs, degree)
     optics = pairs.optics

@@ -5,7 +5,7 @@
         └────── random particles ◀── resampling ◀───┘ if it is due
 
 Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox: Probabilistic Robotics, tables 4.3 and 8.2. The systems' own
-filters (nubot_particles.py, iris_particles.py) are configurations of this one.
+filters (`NubotParticles`, `IrisParticles`, `NimbroParticles`) are configurations of this one.
 """
 
 from typing import Generic, TypeVar
